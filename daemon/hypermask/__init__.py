@@ -1,0 +1,1 @@
+"""The show: pure computation, the workers that wire it to drivers, and the command line."""

@@ -1,0 +1,27 @@
+"""Lamp interface: the projector's light and power."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+from hypermask_drivers.device import Device
+
+
+@dataclass(frozen=True)
+class LampState:
+    on: bool
+    brightness: float  # 0 to 1
+    temperature_c: float | None
+
+
+class Lamp(Device):
+    @abstractmethod
+    def set_power(self, on: bool) -> None: ...
+
+    @abstractmethod
+    def set_brightness(self, brightness: float) -> None:
+        """0 (dark) to 1 (full). Raises `DeviceError` LAMP-RANGE outside."""
+
+    @abstractmethod
+    def read(self) -> LampState: ...

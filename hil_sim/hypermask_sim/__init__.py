@@ -1,0 +1,1 @@
+"""The simulated cart: the drivers' interfaces, driven by a scenario file."""
