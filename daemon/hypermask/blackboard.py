@@ -1,0 +1,112 @@
+"""Fixed-layout records that one process writes and many read, without locks or waiting.
+
+A record is a memory-mapped file (under /run on the appliance) with a sequence lock: the writer
+makes the sequence number odd, copies the record, makes it even; a reader copies and looks whether
+the number stayed the same and even. Plain files rather than `multiprocessing.shared_memory`, whose
+segments Python 3.11 unlinks when any attached process exits.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.errors import HypermaskError
+
+Record = NDArray[np.void]
+
+_MAGIC = b"HYPRMASK"
+_HEADER = np.dtype([("magic", "S8"), ("layout", "<u8"), ("sequence", "<u8")])
+_ATTEMPTS = 200
+
+
+class Topic(Protocol):
+    """A place for the newest record of one kind."""
+
+    def publish(self, record: Record) -> None:
+        """Replace the record (a structured scalar of the topic's dtype)."""
+        ...
+
+    def latest(self) -> Record | None:
+        """A copy of the newest record, or None when nothing was published yet."""
+        ...
+
+
+class LocalTopic:
+    """A topic inside one process, for lock-step runs."""
+
+    def __init__(self) -> None:
+        self._record: Record | None = None
+
+    def publish(self, record: Record) -> None:
+        self._record = record.copy()
+
+    def latest(self) -> Record | None:
+        return self._record
+
+
+class SharedTopic:
+    """A topic in a memory-mapped file; one writer process, any number of readers.
+
+    Raises `HypermaskError` BOARD-LAYOUT when the file was made by another version of the program.
+    """
+
+    def __init__(self, path: Path, dtype: np.dtype[np.void]) -> None:
+        self._dtype = dtype
+        size = _HEADER.itemsize + dtype.itemsize
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o640)
+        try:
+            if os.fstat(descriptor).st_size < size:
+                os.ftruncate(descriptor, size)
+            self._map = mmap.mmap(descriptor, size)
+        finally:
+            os.close(descriptor)
+        self._header = np.frombuffer(self._map, _HEADER, count=1)
+        self._body = np.frombuffer(self._map, dtype, count=1, offset=_HEADER.itemsize)
+        self._claim(path)
+
+    def _claim(self, path: Path) -> None:
+        layout = _layout_number(self._dtype)
+        if self._header["magic"][0] == b"":
+            self._header["layout"][0] = layout
+            self._header["magic"][0] = _MAGIC
+        elif self._header["magic"][0] != _MAGIC or self._header["layout"][0] != layout:
+            raise HypermaskError(
+                "BOARD-LAYOUT",
+                f"{path} was made by another version of the program",
+                "Stop every hypermask process and remove the file.",
+            )
+
+    def publish(self, record: Record) -> None:
+        sequence = self._header["sequence"]
+        # A writer that died in the middle left an odd number: the next one stays odd while writing.
+        sequence[0] = sequence[0] | np.uint64(1)
+        self._body[0] = record
+        sequence[0] += np.uint64(1)
+
+    def latest(self) -> Record | None:
+        sequence = self._header["sequence"]
+        for _ in range(_ATTEMPTS):
+            before = int(sequence[0])
+            if before == 0:
+                return None
+            if before % 2:
+                continue
+            copy: Record = self._body[0].copy()
+            if int(sequence[0]) == before:
+                return copy
+        return None
+
+
+def _layout_number(dtype: np.dtype[np.void]) -> int:
+    """A number that differs between record layouts (FNV-1a of the dtype's description)."""
+    number = 0xCBF29CE484222325
+    for byte in repr(dtype.descr).encode():
+        number = ((number ^ byte) * 0x100000001B3) % 2**64
+    return number

@@ -1,0 +1,102 @@
+"""The show engine: key presses become cues, cues change the scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hypermask.blackboard import Record
+from hypermask.errors import UsageError
+from hypermask.show.scene import SCENE, brightness_at, expression_at
+from hypermask.show.showfile import Cue, ShowFile
+
+
+@dataclass(frozen=True)
+class CueCalled:
+    """A cue that took effect at `time_s`."""
+
+    time_s: float
+    cue: str
+
+
+class ShowEngine:
+    """Holds the scene of a show; every change is a fade that starts from what is seen now."""
+
+    def __init__(self, show: ShowFile, time_s: float) -> None:
+        self._show = show
+        self._blackout = False
+        self._wanted_brightness = show.brightness
+        self._scene: Record = np.zeros((), SCENE)
+        self._scene["character"] = show.characters[0].encode()
+        self._scene["brightness"] = show.brightness
+        self._scene["brightness_fade"] = (time_s, 0.0)
+
+    @property
+    def scene(self) -> Record:
+        """The current scene record (dtype SCENE)."""
+        return self._scene
+
+    @property
+    def blackout(self) -> bool:
+        return self._blackout
+
+    def press(self, key: str, time_s: float) -> CueCalled | None:
+        """A key was pressed; keys without a cue do nothing."""
+        cue = self._show.keys.get(key)
+        return self.call(cue, time_s) if cue is not None else None
+
+    def call(self, name: str, time_s: float) -> CueCalled:
+        """Call a cue by its name. Raises `UsageError` CUE-NAME for an unknown one."""
+        cue = self._show.cues.get(name)
+        if cue is None:
+            known = ", ".join(self._show.cues) or "none"
+            raise UsageError("CUE-NAME", f"this show has no cue '{name}'", f"Known: {known}.")
+        if cue.expression is not None:
+            self._fade_expression(cue, time_s)
+        if cue.character is not None:
+            self._fade_character(cue, time_s)
+        self._change_light(cue, time_s)
+        return CueCalled(time_s, name)
+
+    def _fade_expression(self, cue: Cue, time_s: float) -> None:
+        assert cue.expression is not None
+        self._scene["previous_expression"] = expression_at(self._scene, time_s)
+        self._scene["expression"] = cue.expression.weights()
+        self._scene["expression_fade"] = (time_s, _or(cue.fade_s, self._show.fades.expression_s))
+
+    def _fade_character(self, cue: Cue, time_s: float) -> None:
+        current = self._scene["character"].item().decode()
+        wanted = self._character(str(cue.character), current)
+        if wanted == current:
+            return
+        self._scene["previous_character"] = current.encode()
+        self._scene["character"] = wanted.encode()
+        self._scene["character_fade"] = (time_s, _or(cue.fade_s, self._show.fades.character_s))
+
+    def _character(self, wanted: str, current: str) -> str:
+        names = self._show.characters
+        step = {"next": 1, "previous": -1}.get(wanted)
+        return wanted if step is None else names[(names.index(current) + step) % len(names)]
+
+    def _change_light(self, cue: Cue, time_s: float) -> None:
+        if cue.brightness is not None:
+            self._wanted_brightness = cue.brightness
+        if cue.brightness_step is not None:
+            # Never quite 0: only a blackout makes the stage dark, so that it can be seen as one.
+            stepped = self._wanted_brightness + cue.brightness_step
+            self._wanted_brightness = float(np.clip(stepped, 0.1, 1.0))
+        if cue.blackout is not None:
+            self._blackout = {"on": True, "off": False}.get(cue.blackout, not self._blackout)
+        target = 0.0 if self._blackout else self._wanted_brightness
+        if target == float(self._scene["brightness"]):
+            return
+        fades = self._show.fades
+        default = fades.blackout_s if cue.blackout is not None else fades.brightness_s
+        self._scene["previous_brightness"] = brightness_at(self._scene, time_s)
+        self._scene["brightness"] = target
+        self._scene["brightness_fade"] = (time_s, _or(cue.fade_s, default))
+
+
+def _or(value: float | None, default: float) -> float:
+    return default if value is None else value

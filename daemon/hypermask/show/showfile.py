@@ -1,0 +1,91 @@
+"""The show file: which characters play, which cues there are, and which key calls which cue."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from hypermask.config import Settings, load
+from hypermask.errors import ConfigError
+
+KEY_NAMES = (*"0123456789", "dot", "enter", "plus", "minus", "star", "slash", "backspace")
+
+Weight = float
+
+
+class Expression(Settings):
+    """Weights 0 to 1 of the six basic emotions (PAPERS A4); all 0 is neutral."""
+
+    anger: Weight = Field(0.0, ge=0, le=1)
+    happiness: Weight = Field(0.0, ge=0, le=1)
+    sadness: Weight = Field(0.0, ge=0, le=1)
+    disgust: Weight = Field(0.0, ge=0, le=1)
+    surprise: Weight = Field(0.0, ge=0, le=1)
+    fear: Weight = Field(0.0, ge=0, le=1)
+
+    def weights(self) -> tuple[float, ...]:
+        """In the order of the fields above."""
+        return tuple(float(getattr(self, name)) for name in type(self).model_fields)
+
+
+class Cue(Settings):
+    """What a cue changes; what it does not name stays as it is."""
+
+    expression: Expression | None = None
+    character: str | None = None
+    """A name from `characters`, or `next` or `previous`."""
+    brightness: float | None = Field(None, ge=0, le=1)
+    brightness_step: float | None = Field(None, ge=-1, le=1)
+    blackout: Literal["on", "off", "toggle"] | None = None
+    fade_s: float | None = Field(None, ge=0, le=60)
+
+
+class Fades(Settings):
+    """Default cross-fade times in seconds."""
+
+    expression_s: float = Field(0.35, ge=0, le=60)
+    character_s: float = Field(0.8, ge=0, le=60)
+    brightness_s: float = Field(0.3, ge=0, le=60)
+    blackout_s: float = Field(0.25, ge=0, le=60)
+
+
+class ShowFile(Settings):
+    version: Literal[1]
+    name: str
+    characters: tuple[str, ...] = Field(min_length=1)
+    brightness: float = Field(1.0, ge=0, le=1)
+    fades: Fades = Fades()
+    cues: dict[str, Cue] = Field(default_factory=dict)
+    keys: dict[str, str] = Field(default_factory=dict)
+
+    @field_validator("characters")
+    @classmethod
+    def _distinct(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(names)) != len(names):
+            raise ValueError("a character is named twice")
+        return names
+
+
+def load_show(path: Path) -> ShowFile:
+    """Raises `ConfigError` CFG-* or SHOW-KEY, SHOW-CUE, SHOW-CHARACTER for a dangling name."""
+    show = load(ShowFile, path)
+    for key, cue in show.keys.items():
+        _require(key, KEY_NAMES, "SHOW-KEY", f"{path}: there is no key '{key}'")
+        _require(cue, tuple(show.cues), "SHOW-CUE", f"{path}: key '{key}' calls no cue '{cue}'")
+    for name, item in show.cues.items():
+        if item.character not in (None, "next", "previous"):
+            text = f"{path}: cue '{name}' names no character of this show: '{item.character}'"
+            _require(str(item.character), show.characters, "SHOW-CHARACTER", text)
+    return show
+
+
+def _require(name: str, known: tuple[str, ...], code: str, what: str) -> None:
+    if name in known:
+        return
+    near = difflib.get_close_matches(name, known, n=1)
+    raise ConfigError(
+        code, what, f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(known)}."
+    )

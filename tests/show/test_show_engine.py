@@ -1,0 +1,102 @@
+"""Key presses become cues; cues change the scene by fades that start from what is seen."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hypermask.errors import ConfigError, UsageError
+from hypermask.show.engine import ShowEngine
+from hypermask.show.scene import brightness_at, characters_at, expression_at
+from hypermask.show.showfile import load_show
+
+DEFAULT = Path(__file__).parents[2] / "configs" / "shows" / "default.toml"
+
+
+@pytest.fixture
+def engine() -> ShowEngine:
+    return ShowEngine(load_show(DEFAULT), time_s=0.0)
+
+
+def test_starts_with_the_first_character_neutral_and_lit(engine: ShowEngine) -> None:
+    assert characters_at(engine.scene, 0.0) == [("mean", 1.0)]
+    assert not expression_at(engine.scene, 0.0).any()
+    assert brightness_at(engine.scene, 0.0) == 1.0
+
+
+def test_a_key_fades_the_expression_over_the_files_time(engine: ShowEngine) -> None:
+    assert engine.press("5", 1.0) is not None
+    assert expression_at(engine.scene, 1.0)[1] == 0.0
+    assert expression_at(engine.scene, 1.175)[1] == pytest.approx(0.5)
+    assert expression_at(engine.scene, 1.35)[1] == 1.0
+
+
+def test_a_cue_in_the_middle_of_a_fade_starts_from_what_is_seen(engine: ShowEngine) -> None:
+    engine.press("5", 1.0)
+    engine.press("6", 1.175)
+    np.testing.assert_allclose(expression_at(engine.scene, 1.175), [0, 0.5, 0, 0, 0, 0])
+    np.testing.assert_allclose(expression_at(engine.scene, 2.0), [1, 0, 0, 0, 0, 0])
+
+
+def test_characters_cross_fade_and_their_opacities_sum_to_one(engine: ShowEngine) -> None:
+    engine.press("star", 0.0)
+    (old, old_opacity), (new, new_opacity) = characters_at(engine.scene, 0.4)
+    assert (old, new) == ("mean", "noh")
+    assert old_opacity + new_opacity == pytest.approx(1.0)
+    assert characters_at(engine.scene, 0.8) == [("noh", 1.0)]
+
+
+def test_previous_of_the_first_character_is_the_last(engine: ShowEngine) -> None:
+    engine.press("slash", 0.0)
+    assert characters_at(engine.scene, 5.0) == [("demon", 1.0)]
+
+
+def test_blackout_and_back_restores_the_brightness(engine: ShowEngine) -> None:
+    engine.press("minus", 0.0)
+    engine.press("enter", 1.0)
+    assert brightness_at(engine.scene, 1.25) == 0.0
+    engine.press("enter", 2.0)
+    assert brightness_at(engine.scene, 3.0) == pytest.approx(0.9)
+
+
+def test_brightness_changed_in_a_blackout_does_not_end_it(engine: ShowEngine) -> None:
+    engine.press("enter", 0.0)
+    engine.press("minus", 1.0)
+    assert brightness_at(engine.scene, 2.0) == 0.0
+    engine.press("enter", 2.0)
+    assert brightness_at(engine.scene, 3.0) == pytest.approx(0.9)
+
+
+def test_brightness_never_steps_down_to_black(engine: ShowEngine) -> None:
+    for press in range(20):
+        engine.press("minus", float(press))
+    assert brightness_at(engine.scene, 30.0) == pytest.approx(0.1)
+
+
+def test_a_key_without_a_cue_does_nothing(engine: ShowEngine) -> None:
+    before = engine.scene.copy()
+    assert engine.press("backspace", 1.0) is None
+    assert engine.scene == before
+
+
+def test_an_unknown_cue_is_named(engine: ShowEngine) -> None:
+    with pytest.raises(UsageError, match=r"CUE-NAME.*'dance'"):
+        engine.call("dance", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ('[keys]\nenterr = "x"', "SHOW-KEY"),
+        ('[keys]\nenter = "x"', "SHOW-CUE"),
+        ('[cues.x]\ncharacter = "bob"', "SHOW-CHARACTER"),
+        ("[cues.x]\nexpresion = {}", "CFG-KEY"),
+        ("[cues.x]\nexpression = { anger = 3 }", "CFG-VALUE"),
+    ],
+)
+def test_a_wrong_show_file_is_explained(tmp_path: Path, line: str, code: str) -> None:
+    path = tmp_path / "show.toml"
+    path.write_text(f'version = 1\nname = "x"\ncharacters = ["mean"]\n{line}\n')
+    with pytest.raises(ConfigError) as caught:
+        load_show(path)
+    assert caught.value.code == code
