@@ -20,6 +20,8 @@ from hypermask_drivers.settings import Settings, load
 
 Array = NDArray[np.float64]
 
+_REMAP_ROW = 256
+
 LED_NAMES = ("upper_left", "upper_right", "lower_right", "lower_left", "label")
 """Left and right as the audience sees the mask; `label` is the fifth, on the nose."""
 
@@ -82,10 +84,13 @@ class Mask:
         xs, ys = np.broadcast_arrays(np.asarray(x, np.float32), np.asarray(y, np.float32))
         half_width, half_height = self.half_size_m
         spacing = self.settings.relief.spacing_m
-        columns = (xs.reshape(-1, 1) + np.float32(half_width)) / np.float32(spacing)
-        rows = (np.float32(half_height) - ys.reshape(-1, 1)) / np.float32(spacing)
+        # remap takes no map with a side of 32767 or more.
+        points = np.zeros((2, xs.size // _REMAP_ROW + 1, _REMAP_ROW), np.float32)
+        points.reshape(2, -1)[:, : xs.size] = xs.ravel(), ys.ravel()
+        columns = (points[0] + np.float32(half_width)) / np.float32(spacing)
+        rows = (np.float32(half_height) - points[1]) / np.float32(spacing)
         z = cv2.remap(self.relief, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(z, float).reshape(xs.shape)
+        return np.asarray(z, float).ravel()[: xs.size].reshape(xs.shape)
 
     def inside(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
         """Whether (x, y) metres lies inside the mask's outline."""

@@ -1,0 +1,50 @@
+# One command for each wish. `make help` lists them.
+SHELL := /bin/bash
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+MODELS := build/models/.ready
+DEMO := build/demo
+# Small linear algebra gets slower with BLAS threads.
+export OPENBLAS_NUM_THREADS := 1
+
+.PHONY: help setup models demo test lint format bench clean
+.DEFAULT_GOAL := help
+
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+setup: $(READY) ## install what the project needs: Debian packages and .venv
+
+$(READY): pyproject.toml .ci/setup
+	PYTHON=$(PYTHON) bash .ci/setup
+
+models: $(MODELS) ## fetch and convert the two face models into build/models
+
+$(MODELS): daemon/hypermask/texture/models.py | $(READY)
+	$(BIN)/python -m hypermask.texture.models --out build/models
+	@touch $@
+
+demo: $(READY) $(MODELS) ## play a whole simulated show into build/demo: video, pictures, report
+	$(BIN)/hypermask rehearse configs/scenarios/demo.toml --out $(DEMO)
+	@echo "Look at $(DEMO)/show.mp4 and $(DEMO)/contact-sheet.png; figures in $(DEMO)/report.json"
+
+test: $(READY) $(MODELS) ## run the tests (under 10 minutes on 2 cores)
+	$(BIN)/pytest
+
+lint: $(READY) ## ruff, mypy --strict, import contracts
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy daemon drivers hil_sim
+	$(BIN)/lint-imports
+
+format: $(READY) ## bring the sources into their format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(READY) $(MODELS) ## measure everything again and write docs/benchmarks.md
+	$(BIN)/hypermask bench all --write docs/benchmarks.md
+
+clean: ## remove what was built
+	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,1 @@
+"""Measurements behind `hypermask bench`; `make bench` writes them into docs/benchmarks.md."""

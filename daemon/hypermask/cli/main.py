@@ -1,0 +1,33 @@
+"""The technician's command. Exit codes: 0 fine, 1 a fault was found, 2 wrong usage."""
+
+from __future__ import annotations
+
+import os
+
+# Before numpy is imported: small linear algebra gets slower with BLAS threads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import typer
+
+from hypermask.cli import bench, doctor, face, rehearse, voice
+
+app = typer.Typer(
+    name="hypermask",
+    help="Projects a living face on to an actor's moving mask.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command("rehearse")(rehearse.rehearse)
+app.command("bench")(bench.bench)
+app.command("doctor")(doctor.doctor)
+app.add_typer(face.app, name="face")
+app.add_typer(voice.app, name="voice")
+
+
+def main() -> None:
+    app()
+
+
+if __name__ == "__main__":
+    main()

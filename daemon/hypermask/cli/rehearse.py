@@ -1,0 +1,60 @@
+"""`hypermask rehearse`: a whole show on the simulated cart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hypermask.cli.output import JsonOption, console, print_json, reports_errors
+
+
+@reports_errors
+def rehearse(
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(help="A scenario file (default: configs/scenarios/reference-cart.toml)."),
+    ] = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Override a scenario key; repeatable."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Where to write.")] = Path("build/rehearsal"),
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Run against the real clock, a process a worker.")
+    ] = False,
+    pictures: Annotated[
+        bool, typer.Option(help="Make show.mp4 and contact-sheet.png (slower).")
+    ] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Play a show on simulated hardware; writes report.json, contact-sheet.png and show.mp4.
+
+    In lock-step (the default) the clock is virtual and the same scenario gives the same report to
+    the last digit. With --realtime every worker is a process and flips must be met.
+    """
+    from hypermask.rehearsal.run import rehearse as run
+
+    report = run(scenario, assignments or [], out, realtime, pictures, quiet=as_json)
+    if as_json:
+        print_json(report)
+    else:
+        _print_summary(report, out)
+
+
+def _print_summary(report: dict[str, Any], out: Path) -> None:
+    registration, tracking, lead = (report[k] for k in ("registration_mm", "tracking", "lead_ms"))
+    console.print(
+        f"{report['frames']} frames   registration rms {_number(registration['rms'], 'mm')}, "
+        f"p95 {_number(registration['p95'], 'mm')}, max {_number(registration['max'], 'mm')}"
+    )
+    console.print(
+        f"tracked {tracking['visible_fraction']:.2%}   wrong labels {tracking['wrong_labels']}   "
+        f"lead {_number(lead['p50'], 'ms')}   missed flips {report['missed_flips']}"
+    )
+    console.print(f"Report and pictures: {out}")
+
+
+def _number(value: float | None, unit: str) -> str:
+    return "none" if value is None else f"{value:.2f} {unit}"

@@ -1,0 +1,208 @@
+"""A character on disk: a folder that is either whole or not there.
+
+    character.toml   version, name, source, date
+    texture.png      512 x 512, the mask seen from the front (`hypermask.face.mesh.to_uv`)
+    eyes.png         320 x 112, the left and the right eyeball (`hypermask.texture.eyes`)
+    landmarks.json   the 468 points on the photograph, for characters made from one
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask import paths
+from hypermask.config import Settings, load
+from hypermask.errors import DataError, HypermaskError, UsageError
+from hypermask.storage import write_atomically
+
+Image = NDArray[np.uint8]
+
+VERSION = 1
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+_SIDES = (512, 1024)
+
+
+class CharacterSettings(Settings):
+    version: int
+    name: str
+    source: str = ""
+    date: str = ""
+
+
+@dataclass(frozen=True)
+class Character:
+    """texture: (512 or 1024, same, 3) RGB; eyes: (112, 320, 3) RGB; landmarks: (468, 3) or None."""
+
+    name: str
+    source: str
+    date: str
+    texture: Image
+    eyes: Image
+    landmarks: NDArray[np.float64] | None = None
+
+
+def check_name(name: str) -> str:
+    """Raises `UsageError` CHAR-NAME."""
+    if not _NAME.fullmatch(name):
+        raise UsageError(
+            "CHAR-NAME",
+            f"'{name}' cannot be a character's name",
+            "Use letters, digits, '-' and '_', at most 64, the first a letter or digit.",
+        )
+    return name
+
+
+def save_character(character: Character, folder: Path) -> None:
+    """Write the whole folder or nothing; a character of that name is replaced.
+
+    Raises `UsageError` CHAR-NAME, `HypermaskError` DISK-WRITE.
+    """
+    check_name(character.name)
+    temporary = ""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary = tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.")
+        for name, data in _files(character).items():
+            write_atomically(Path(temporary) / name, data)
+        Path(temporary).chmod(0o755)
+        _exchange(Path(temporary), folder)
+    except OSError as error:
+        raise HypermaskError(
+            "DISK-WRITE",
+            f"cannot write the character {folder}: {error.strerror or error}",
+            "Free some space or check the folder's rights; the previous character is unharmed.",
+        ) from error
+    finally:
+        if temporary:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _exchange(new: Path, folder: Path) -> None:
+    """Put `new` in `folder`'s place; the old one is set aside first and then removed."""
+    old = new.with_name(new.name + ".old")
+    if folder.exists():
+        folder.rename(old)
+    try:
+        new.rename(folder)
+    except OSError:
+        if old.exists():
+            old.rename(folder)
+        raise
+    descriptor = os.open(folder.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _files(character: Character) -> dict[str, bytes]:
+    fields = {"name": character.name, "source": character.source, "date": character.date}
+    lines = [f"version = {VERSION}"]
+    lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
+    files = {
+        "texture.png": _png(character.texture),
+        "eyes.png": _png(character.eyes),
+        "character.toml": ("\n".join(lines) + "\n").encode(),
+    }
+    if character.landmarks is not None:
+        points = np.round(character.landmarks, 2).tolist()
+        files["landmarks.json"] = json.dumps({"version": 1, "points_px": points}).encode()
+    return files
+
+
+def _png(image: Image) -> bytes:
+    done, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    if not done:
+        raise OSError("the picture cannot be encoded")
+    return data.tobytes()
+
+
+def load_character(folder: Path) -> Character:
+    """Raises `DataError` CHAR-ABSENT, CHAR-READ; `ConfigError` CFG-* for its character.toml."""
+    if not (folder / "character.toml").is_file():
+        raise _absent(str(folder))
+    settings = load(CharacterSettings, folder / "character.toml")
+    if settings.version != VERSION:
+        raise _unreadable(folder, f"its version is {settings.version}, known is {VERSION}")
+    texture = _read_image(folder / "texture.png")
+    eyes = _read_image(folder / "eyes.png")
+    if texture.shape[0] != texture.shape[1] or texture.shape[0] not in _SIDES:
+        raise _unreadable(folder, f"texture.png is {texture.shape[1]} x {texture.shape[0]}")
+    if eyes.shape[1] != 320 or eyes.shape[0] != 112:
+        raise _unreadable(folder, f"eyes.png is {eyes.shape[1]} x {eyes.shape[0]}")
+    landmarks = _read_landmarks(folder)
+    return Character(settings.name, settings.source, settings.date, texture, eyes, landmarks)
+
+
+def _read_image(path: Path) -> Image:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    except (OSError, cv2.error):
+        image = None
+    if image is None:
+        raise _unreadable(path.parent, f"{path.name} is not a picture")
+    return np.ascontiguousarray(image[..., ::-1], np.uint8)
+
+
+def _read_landmarks(folder: Path) -> NDArray[np.float64] | None:
+    path = folder / "landmarks.json"
+    if not path.exists():
+        return None
+    try:
+        points = np.array(json.loads(path.read_text("utf-8"))["points_px"], float)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise _unreadable(folder, f"landmarks.json: {error}") from error
+    if points.shape != (468, 3) or not np.isfinite(points).all():
+        raise _unreadable(folder, "landmarks.json does not hold 468 points")
+    return points
+
+
+def _unreadable(folder: Path, why: str) -> DataError:
+    return DataError(
+        "CHAR-READ", f"the character {folder} cannot be read: {why}", "Build it again."
+    )
+
+
+def _absent(name: str) -> DataError:
+    known = ", ".join(known_characters()) or "none"
+    return DataError(
+        "CHAR-ABSENT",
+        f"there is no character '{name}'",
+        f"Known: {known}. Make one with 'hypermask face build PHOTO --name NAME'.",
+    )
+
+
+def _shelves() -> tuple[Path, Path]:
+    return paths.home() / "characters", paths.configs() / "characters"
+
+
+def known_characters() -> list[str]:
+    """Names of all characters, the user's and the built-in ones."""
+    return sorted({file.parent.name for shelf in _shelves() for file in shelf.glob("*/character.toml")})
+
+
+def find_character(name: str | Path) -> Path:
+    """The folder of a character by its name (the user's before the built-in ones) or its path.
+
+    Raises `DataError` CHAR-ABSENT, which names the known ones.
+    """
+    given = Path(name)
+    candidates = [given] if given.name != str(name) else []
+    candidates += [shelf / str(name) for shelf in _shelves() if _NAME.fullmatch(str(name))]
+    candidates.append(given)
+    for folder in candidates:
+        if (folder / "character.toml").is_file():
+            return folder
+    raise _absent(str(name))

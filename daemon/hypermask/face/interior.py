@@ -1,0 +1,159 @@
+"""What lies behind the skin's openings: eyeballs, the bag of the mouth, the teeth (PAPERS A3)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.face import points
+from hypermask.stage.layers import MeshLayer
+from hypermask.texture.eyes import CENTRES_MM, HALF_MM
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Indices = NDArray[np.int32]
+
+EYE_DEPTH_M, BAG_DEPTH_M, TEETH_DEPTH_M = 0.005, 0.012, 0.007
+_EYE_GRID = (7, 5)
+_TEETH_COLUMNS = 17
+_TEETH_HALF_WIDTH = 0.80
+_UPPER_SHARE, _LOWER_SHARE = 0.50, 0.24
+_UPPER_SHOWN_M, _LOWER_SHOWN_M = 0.0080, 0.0042
+_HIDDEN_GAP_M = 0.0012
+_UPPER_HEIGHT, _LOWER_HEIGHT = 0.34, 0.26
+"""In half widths of the mouth."""
+
+
+def grid_triangles(columns: int, rows: int) -> Indices:
+    """(T, 3) anti-clockwise triangles of a grid of points, row 0 on top."""
+    index = np.arange(columns * rows).reshape(rows, columns)
+    a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
+    c, d = index[1:, 1:].ravel(), index[1:, :-1].ravel()
+    return np.concatenate([np.stack([a, d, b], 1), np.stack([b, d, c], 1)]).astype(np.int32)
+
+
+def eye_layer(eyes: Image) -> tuple[MeshLayer, Array]:
+    """The layer of both eyeballs and its places (V, 2) in metres; they do not move."""
+    columns, rows = _EYE_GRID
+    u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
+    places, uvs, triangles = [], [], []
+    for side, centre in enumerate(CENTRES_MM):
+        x = centre[0] + (2 * u - 1) * HALF_MM[0]
+        y = centre[1] + (1 - 2 * v) * HALF_MM[1]
+        places.append(np.stack([x.ravel(), y.ravel()], 1) / 1000)
+        uvs.append(np.stack([(u.ravel() + side) / 2, v.ravel()], 1))
+        triangles.append(grid_triangles(columns, rows) + side * columns * rows)
+    uv = np.concatenate(uvs).astype(np.float32)
+    return MeshLayer("eyes", np.concatenate(triangles), uv, rgba(eyes)), np.concatenate(places)
+
+
+def bag_layer() -> MeshLayer:
+    """A ring of 20 points half-way into the lips around a middle, with a painted texture."""
+    count = len(points.LIPS_INNER)
+    angle = np.pi - np.arange(count) / count * 2 * np.pi
+    ring = np.stack([0.5 + 0.5 * np.cos(angle), 0.5 - 0.5 * np.sin(angle)], 1)
+    uv = np.concatenate([ring, [[0.5, 0.5]]]).astype(np.float32)
+    k = np.arange(count)
+    triangles = np.stack([k, np.full(count, count), (k + 1) % count], 1).astype(np.int32)
+    return MeshLayer("mouth", triangles, uv, _bag_texture())
+
+
+def bag_places(flat: Array) -> Array:
+    """(21, 2) metres for the skin's vertices (V, 2)."""
+    inner, outer = flat[list(points.LIPS_INNER)], flat[list(points.LIPS_OUTER)]
+    ring = 0.6 * inner + 0.4 * outer
+    return np.concatenate([ring, inner.mean(axis=0, keepdims=True)])
+
+
+def _bag_texture(size: int = 128) -> Image:
+    """Dark red, darker towards the throat, a tongue that lies low."""
+    line = (np.arange(size) + 0.5) / size * 2 - 1
+    x, y = np.meshgrid(line, line)
+    radius = np.hypot(x, y)
+    wall = np.clip(0.30 + 0.70 * radius**1.5, 0, 1)[..., None] * (92, 22, 24)
+    tongue = np.hypot(x / 0.62, (y - 0.66) / 0.52)
+    lit = np.clip(1.15 - 0.55 * tongue, 0, 1) * (1 - 0.35 * np.exp(-((x / 0.06) ** 2)))
+    share = np.clip((1 - tongue) / 0.25, 0, 1)[..., None]
+    picture = wall * (1 - share) + lit[..., None] * (176, 78, 80) * share
+    return rgba(np.clip(picture, 0, 255).astype(np.uint8))
+
+
+def teeth_layers() -> tuple[MeshLayer, MeshLayer]:
+    """Upper and lower teeth: white strips, shaded smoothly by their curve and painted gaps."""
+    columns = _TEETH_COLUMNS
+    u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, 3))
+    uv = np.stack([u.ravel(), v.ravel()], 1).astype(np.float32)
+    triangles = grid_triangles(columns, 3)
+    upper, lower = _teeth_texture(upper=True), _teeth_texture(upper=False)
+    return (
+        MeshLayer("lower_teeth", triangles, uv, lower, shaded=True),
+        MeshLayer("upper_teeth", triangles, uv, upper, shaded=True),
+    )
+
+
+def teeth_places(flat: Array, half_width: float) -> tuple[Array, Array]:
+    """(lower, upper) (51, 3): x, y in metres and how far each point lies back along the arch.
+
+    They lie behind the lips and show no more than a share of the gap between them: all of the
+    upper ones in a wide, little of them in a rounded mouth.
+    """
+    upper_lip, lower_lip = flat[list(points.UPPER_LIP_INNER)], flat[list(points.LOWER_LIP_INNER)]
+    corners = float(upper_lip[-1, 0] - upper_lip[0, 0]) / 2
+    x = np.linspace(-1, 1, _TEETH_COLUMNS) * half_width * _TEETH_HALF_WIDTH
+    reach = np.clip(x / max(corners, 1e-6), -1, 1) * corners
+    top = np.interp(reach, upper_lip[:, 0], upper_lip[:, 1])
+    bottom = np.interp(reach, lower_lip[:, 0], lower_lip[:, 1])
+    gap = np.maximum(top - bottom, 0)
+    open_gap = np.maximum(gap - _HIDDEN_GAP_M, 0)
+    width = np.clip(corners / (half_width * 0.87), 0, 1) ** 2
+    shown = np.minimum(_UPPER_SHARE * open_gap, _smile(x, half_width) * _UPPER_SHOWN_M * width)
+    upper_edge = top - shown
+    lower_edge = bottom + np.minimum(_LOWER_SHARE * open_gap, _LOWER_SHOWN_M * width)
+    arch = (x / half_width) ** 2 * 0.006
+    upper_root = upper_edge + _UPPER_HEIGHT * half_width
+    lower_root = lower_edge - _LOWER_HEIGHT * half_width
+    return _strip(x, lower_edge, lower_root, arch), _strip(x, upper_root, upper_edge, arch)
+
+
+def _smile(x: Array, half_width: float) -> Array:
+    """The line of the upper teeth's edges rises a little to the sides."""
+    return np.asarray(1 - 0.2 * (x / half_width) ** 2)
+
+
+def _strip(x: Array, top: Array, bottom: Array, arch: Array) -> Array:
+    y = np.stack([top, (top + bottom) / 2, bottom])
+    bulge = np.array([0.0006, 0.0, 0.0006])[:, None]
+    z = arch[None] + bulge
+    return np.stack([np.broadcast_to(x, y.shape), y, np.broadcast_to(z, y.shape)], -1).reshape(-1, 3)
+
+
+def _teeth_texture(upper: bool, width: int = 256, height: int = 64) -> Image:
+    """A row of teeth with rounded edges; what is not a tooth is transparent, gums are pink."""
+    widths = (8.5, 7.0, 7.6, 7.2, 7.0) if upper else (5.6, 6.0, 7.0, 7.2, 7.2)
+    edges = np.cumsum((0.0, *widths))
+    half = 30.0
+    x, y = np.meshgrid(
+        ((np.arange(width) + 0.5) / width * 2 - 1) * half, (np.arange(height) + 0.5) / height
+    )
+    y = y if upper else 1 - y  # 0 at the root, 1 at the cutting edge
+    tooth = np.clip(np.searchsorted(edges, np.abs(x), side="right") - 1, 0, len(widths) - 1)
+    centre = (edges[tooth] + edges[tooth + 1]) / 2
+    across = (np.abs(x) - centre) / (np.array(widths)[tooth] / 2)
+    corner = np.clip((np.abs(across) - 0.55) / 0.45, 0, 1)
+    length = np.where(tooth == 1, 0.95, 1.0) if upper else 0.98
+    alpha = np.clip((length - 0.10 * corner**2 - y) * height / 2, 0, 1)
+    gap = 1 - 0.38 * np.clip((np.abs(across) - 0.80) / 0.20, 0, 1) ** 2
+    shade = gap * (0.90 + 0.10 * np.sqrt(np.clip(1 - across**2, 0, 1)))
+    shade *= (0.97 - 0.42 * (np.abs(x) / half) ** 2) * (0.82 + 0.18 * y)
+    colour = shade[..., None] * (240, 234, 220)
+    gum = np.clip((0.16 + 0.10 * corner - y) / 0.05, 0, 1)[..., None]
+    colour = colour * (1 - gum) + gum * (186, 104, 104)
+    picture = np.dstack([colour, alpha * 255])
+    return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.7), 0, 255).astype(np.uint8)
+
+
+def rgba(image: Image) -> Image:
+    """RGB (h, w, 3) as opaque RGBA."""
+    alpha = np.full((*image.shape[:2], 1), 255, np.uint8)
+    return np.ascontiguousarray(np.concatenate([image, alpha], axis=2))

@@ -1,0 +1,70 @@
+"""Lids that close over the eyeballs, and when they do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.face import points
+from hypermask.face.mesh import LANDMARKS, Mesh, influence
+
+Array = NDArray[np.float64]
+
+_LOWER_SHARE = 0.12
+"""The lower lid comes up by this share of the gap, the upper lid down by the rest."""
+_BLINK_S = 0.26
+_BLINK_PERIOD_S = 3.7
+
+
+@dataclass(frozen=True)
+class Lids:
+    """upper, lower: (14,) vertices of both eyes in pairs; carrier: (V, 28) upper then lower."""
+
+    upper: NDArray[np.int32]
+    lower: NDArray[np.int32]
+    carrier: Array
+
+
+def make_lids(mesh: Mesh) -> Lids:
+    upper = [*points.LEFT_LID_UPPER[1:-1], *points.RIGHT_LID_UPPER[1:-1]]
+    lower = [*points.LEFT_LID_LOWER[1:-1], *points.RIGHT_LID_LOWER[1:-1]]
+    still = {*points.LEFT_BROW, *points.RIGHT_BROW, *points.NOSE, *points.OVAL}
+    still |= {*points.LIPS_OUTER, *points.LIPS_INNER, 33, 133, 362, 263}
+    still |= {points.FEATURES["cheek_left"], points.FEATURES["cheek_right"]}
+    still |= set(range(LANDMARKS, mesh.count))
+    moved = [*upper, *lower]
+    carrier = influence(mesh, moved, sorted(still - set(moved)))
+    return Lids(np.array(upper, np.int32), np.array(lower, np.int32), carrier)
+
+
+def close_lids(lids: Lids, flat: Array, closed: Array) -> None:
+    """Close the lids in place: flat (V, 2) metres, closed (14,) 0 open to 1 shut per pair.
+
+    Lids that have come to cross by their expression are brought together as well.
+    """
+    gap = flat[lids.lower] - flat[lids.upper]
+    share = np.where(gap[:, 1] > 0, 1.0, closed)[:, None]
+    move = np.concatenate([gap * share * (1 - _LOWER_SHARE), -gap * share * _LOWER_SHARE])
+    flat += lids.carrier @ move
+
+
+def blink(time_s: float) -> float:
+    """How far the lids are shut, 0 to 1, at this time: a pure function, about 16 blinks a minute.
+
+    Each period of 3.7 s holds one blink at a place of its own; it shuts faster than it opens.
+    """
+    number = int(np.floor(time_s / _BLINK_PERIOD_S))
+    start = number * _BLINK_PERIOD_S + _spread(number) * (_BLINK_PERIOD_S - 2 * _BLINK_S)
+    phase = (time_s - start) / _BLINK_S
+    if not 0 < phase < 1:
+        return 0.0
+    rise, hold = 0.3, 0.42
+    level = phase / rise if phase < rise else 1.0 if phase < hold else (1 - phase) / (1 - hold)
+    return float(level * level * (3 - 2 * level))
+
+
+def _spread(number: int) -> float:
+    """A number in 0 to 1 that looks random and is always the same (golden-ratio sequence)."""
+    return (number * 0.6180339887498949 + 0.37) % 1.0

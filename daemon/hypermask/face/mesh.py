@@ -1,0 +1,135 @@
+"""The one mesh of all characters: its rest shape on the mask, its triangles, its texture layout.
+
+468 landmarks and a rim of twelve points outside the mask's outline, 900 triangles; the eyes and the
+mouth are open. `mesh.json` is made by `hypermask.face.template` from landmark statistics.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.face.points import LIP_COLUMNS
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+LANDMARKS = 468
+HALF_WIDTH_M = 0.102
+HALF_HEIGHT_M = 0.140
+"""The texture covers the rectangle |x| <= HALF_WIDTH_M, |y| <= HALF_HEIGHT_M of the mask."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """rest: (480, 2) metres on the mask; triangles: (900, 3); holes: (46 or so, 3) triangles that
+    fill the eyes and the mouth, for the texture only; mirror: (480,) the point on the other side.
+    """
+
+    rest: Array
+    triangles: Indices
+    holes: Indices
+    mirror: Indices
+
+    @property
+    def uv(self) -> NDArray[np.float32]:
+        """(480, 2) texture coordinates, v down: the texture is the mask seen from the front."""
+        return to_uv(self.rest)
+
+    @property
+    def count(self) -> int:
+        return len(self.rest)
+
+
+def to_uv(points: Array) -> NDArray[np.float32]:
+    """Texture coordinates (n, 2) of points (n, 2) in metres on the mask."""
+    u = (points[:, 0] + HALF_WIDTH_M) / (2 * HALF_WIDTH_M)
+    v = (HALF_HEIGHT_M - points[:, 1]) / (2 * HALF_HEIGHT_M)
+    return np.stack([u, v], axis=1).astype(np.float32)
+
+
+def even_lips(points: Array) -> Array:
+    """The 468 landmarks (468, 2) with the two rows inside each lip evenly between its outlines.
+
+    On closed lips the landmark model lays these rows over each other.
+    """
+    even = points.copy()
+    outer, upper, lower, inner = np.array(LIP_COLUMNS).T
+    even[upper] = points[outer] + (points[inner] - points[outer]) * 0.4
+    even[lower] = points[outer] + (points[inner] - points[outer]) * 0.75
+    return even
+
+
+@functools.cache
+def load_mesh() -> Mesh:
+    data: dict[str, Any] = json.loads(Path(__file__).with_name("mesh.json").read_text("utf-8"))
+    return Mesh(
+        np.array(data["rest_mm"], float) / 1000,
+        np.array(data["triangles"], np.int32),
+        np.array(data["holes"], np.int32),
+        np.array(data["mirror"], np.int32),
+    )
+
+
+def save_mesh(mesh: Mesh, path: Path) -> None:
+    data = {
+        "version": 1,
+        "unit": "mm on the mask, x to the audience's right, y up",
+        "rest_mm": np.round(mesh.rest * 1000, 2).tolist(),
+        "triangles": mesh.triangles.tolist(),
+        "holes": mesh.holes.tolist(),
+        "mirror": mesh.mirror.tolist(),
+    }
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in data.items()]
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")
+
+
+def signed_areas(points: NDArray[Any], triangles: Indices) -> Array:
+    """(T,) areas of triangles in the plane, positive anti-clockwise."""
+    a, b, c = (points[triangles[:, corner], :2].astype(float) for corner in range(3))
+    cross = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    return np.asarray(cross / 2)
+
+
+def influence(mesh: Mesh, moved: Sequence[int], still: Sequence[int]) -> Array:
+    """(V, len(moved)) weights that carry displacements of some vertices over the mesh.
+
+    The field is the smoothest one (least sum of squared Laplacians, with a share of stretching
+    energy that keeps it from overshooting) that is exact at `moved` and zero at `still`. It follows
+    the mesh, so the upper lip does not pull at the lower one across the open mouth.
+    """
+    laplacian = _laplacian(mesh)
+    energy = laplacian @ laplacian + _STRETCH * laplacian
+    fixed = [*moved, *still]
+    free = np.setdiff1d(np.arange(mesh.count), fixed)
+    weights = np.zeros((mesh.count, len(moved)))
+    weights[list(moved), np.arange(len(moved))] = 1
+    driven = energy[free][:, list(moved)]
+    weights[free] = np.linalg.solve(energy[free][:, free], -driven)
+    return weights
+
+
+_STRETCH = 0.3
+
+
+@functools.cache
+def _laplacian_of(key: int) -> Array:
+    mesh = load_mesh()
+    weights = np.zeros((mesh.count, mesh.count))
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        i, j = mesh.triangles[:, a], mesh.triangles[:, b]
+        length = np.linalg.norm(mesh.rest[i] - mesh.rest[j], axis=1)
+        weights[i, j] = weights[j, i] = 1 / np.maximum(length, 1e-3)
+    weights /= weights[weights > 0].mean()
+    return np.asarray(np.diag(weights.sum(axis=1)) - weights)
+
+
+def _laplacian(mesh: Mesh) -> Array:
+    return _laplacian_of(mesh.count)

@@ -1,0 +1,128 @@
+"""The calibration of a rehearsal: the program's own session, with a simulated operator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hypermask.calibration.outcome import Method, Outcome
+from hypermask.calibration.parameters import ProCam
+from hypermask.calibration.planar import Planar
+from hypermask.calibration.positions import Position
+from hypermask.calibration.rehearsed import rehearse
+from hypermask.calibration.session import LEAST_FRAMES, Session, planned_positions
+from hypermask.calibration.still import Sighting
+from hypermask.errors import ConfigError
+from hypermask.rehearsal.cart import SimulatedCart, calibration_cart, camera_model, true_procam
+from hypermask.rehearsal.journal import Journal
+from hypermask.tracking.motion import MotionFilter
+from hypermask.tracking.tracker import Tracker, TrackerSettings
+from hypermask_drivers.clock import VirtualClock
+from hypermask_sim.operator import Operator, true_look
+from hypermask_sim.scenario import Attitude, Scenario
+from hypermask_sim.world import World
+
+STILL_FRAMES = 60
+_PLANAR: dict[str, Method] = {"planar": "affine", "planar_projective": "projective"}
+
+
+def method_of(scenario: Scenario) -> Method | None:
+    """The calibration a scenario asks for; None for the true matrices.
+
+    Raises `ConfigError` CFG-VALUE where mapping and method do not go together.
+    """
+    method = scenario.calibration.method
+    if scenario.mapping == "procam":
+        if method in ("affine", "projective"):
+            raise ConfigError(
+                "CFG-VALUE",
+                f"calibration.method '{method}' does not give what mapping 'procam' needs",
+                "Set mapping to planar, or the method to click.",
+            )
+        return None if method == "exact" else "click"
+    return method if method in ("affine", "projective") else _PLANAR[scenario.mapping]
+
+
+def calibrate(world: World, journal: Journal) -> ProCam | Planar:
+    """Run the session that the scenario asks for, before the show."""
+    method = method_of(world.scenario)
+    if method is None:
+        journal(0.0, "CAL-EXACT", "The true projector is used; no calibration was made.")
+        return true_procam(world)
+    outcome, presses = calibrate_by_clicks(world, method)
+    journal(
+        0.0,
+        "CAL-DONE",
+        f"{method}: {len(outcome.placements)} positions, {presses} key presses; "
+        + "; ".join(outcome.lines()),
+    )
+    return outcome.calibration
+
+
+def calibrate_by_clicks(world: World, method: Method) -> tuple[Outcome, int]:
+    """The whole session with a simulated operator; the outcome and how many keys were pressed."""
+    bench = _Bench(world)
+    cart = calibration_cart(world)
+    settings = world.scenario.calibration
+    distance = None
+    if method != "click":
+        several = len(settings.distances_m) > 1
+        distance = float(world.rest[2]) if several else settings.distances_m[0]
+    positions = planned_positions(cart, method, settings.poses_per_distance, distance)
+    result = rehearse(Session(cart, method, positions), bench.measure, bench.operator.key)
+    return result.outcome, result.key_presses
+
+
+class _Bench:
+    """The mask held still at one position after another before the cart's own camera."""
+
+    def __init__(self, world: World) -> None:
+        scenario = world.scenario
+        self._scenario = scenario
+        self._still = world
+        projector = world.projector
+        self.operator = Operator(
+            true_look(
+                projector.K,
+                (projector.R, projector.t),
+                world.mask.leds,
+                lambda: self._still.camera_from_mask(0.0),
+            ),
+            scenario.calibration.operator_error_px,
+            scenario.seed,
+        )
+
+    def measure(self, position: Position) -> Iterator[Sighting]:
+        """Track the mask where the operator puts it when asked for `position`."""
+        asked = (position.x_m, position.y_m, position.distance_m)
+        where, turned = self.operator.place(asked, (0.0, position.pitch, position.yaw))
+        self._still = World(self._held(where, np.degrees(turned)))
+        clock = VirtualClock()
+        cart = SimulatedCart(self._still, clock)
+        motion = MotionFilter()
+        tracker = Tracker(
+            self._still.mask.leds, camera_model(self._still), TrackerSettings(), motion
+        )
+        found = 0
+        with cart.camera as camera:
+            for _ in range(STILL_FRAMES):
+                clock.sleep_until(camera.next_arrival_s())
+                frame = camera.read(0.0)
+                if frame is None:
+                    continue
+                result = tracker.process(frame.image, frame.time_s, frame.sequence)
+                if result.estimate is not None:
+                    found += 1
+                    estimate = result.estimate
+                    yield Sighting(frame.time_s, estimate.pose, estimate.covariance, result.points)
+                if found >= LEAST_FRAMES + 24:
+                    return
+
+    def _held(self, where: np.ndarray, turned_deg: np.ndarray) -> Scenario:
+        roll, pitch, yaw = (float(angle) for angle in turned_deg)
+        still = self._scenario.still(float(where[2]), Attitude(roll=roll, pitch=pitch, yaw=yaw))
+        performer = still.performer.model_copy(
+            update={"position_m": tuple(float(x) for x in where)}
+        )
+        return still.model_copy(update={"performer": performer, "faults": ()})

@@ -1,0 +1,183 @@
+"""The show in lock-step: one process, a virtual clock, the same numbers on any machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.calibration.parameters import ProCam
+from hypermask.calibration.planar import Planar
+from hypermask.rehearsal.cart import SimulatedCart, camera_model
+from hypermask.rehearsal.observer import TrackingObserver
+from hypermask.rehearsal.show_parts import Casting
+from hypermask.show.engine import ShowEngine
+from hypermask.stage.renderer import DrawItem, StageRenderer
+from hypermask.stage.settings import StageSettings
+from hypermask.tracking.motion import MotionFilter
+from hypermask.tracking.tracker import Tracker, TrackerSettings, TrackResult
+from hypermask.workers.alignment import AlignmentSettings, PhaseAligner
+from hypermask.workers.board import Board
+from hypermask.workers.cast import DOTS, Cast
+from hypermask.workers.retry import Kept
+from hypermask.workers.show import ShowWorker
+from hypermask.workers.stage import Picture, StageWorker, TrackReader, mapping_for
+from hypermask.workers.tracker import TrackerWorker
+from hypermask.workers.voice import VoiceWorker
+from hypermask_drivers.camera import Frame
+
+Image = NDArray[np.uint8]
+OnFlip = Callable[["Flip"], None]
+
+
+@dataclass(frozen=True)
+class Flip:
+    """One frame that was shown.
+
+    shown: (h, w, 3) RGB, row 0 at the top, as projected; probe: the same frame with the test dots
+    in the place of the face (the same picture when the dots are the character).
+    """
+
+    index: int
+    flip_s: float
+    picture: Picture
+    shown: Image
+    probe: Image
+
+
+class LockStep:
+    """Builds the workers on a simulated cart and plays them in turn, flip by flip."""
+
+    def __init__(self, cart: SimulatedCart, calibration: ProCam | Planar, casting: Casting) -> None:
+        self.cart = cart
+        self.board = Board.local()
+        world, clock, journal, scenario = cart.world, cart.clock, cart.journal, cart.scenario
+        self._latency = scenario.latency
+        self.observer = TrackingObserver(world)
+        self.last_seen: tuple[Frame, TrackResult] | None = None
+        motion = MotionFilter()
+        self.tracker = TrackerWorker(
+            cart.camera,
+            Tracker(world.mask.leds, camera_model(world), TrackerSettings(), motion),
+            motion,
+            self.board,
+            clock,
+            journal,
+            aligner=PhaseAligner(AlignmentSettings()),
+            charge_s=self._latency.tracking_ms * 1e-3,
+            observer=self._observe,
+        )
+        self.voice = VoiceWorker(cart.sound, self.board, clock, journal)
+        engine = ShowEngine(casting.show, clock.now())
+        self.show = ShowWorker(cart.keypad, engine, self.board, clock, journal)
+        self._projector = Kept(cart.projector, "projector", clock, journal)
+        self._projector.ready()
+        self._build_stage(casting, calibration)
+        self._shown: list[Image] = []
+        cart.projector.add_listener(lambda picture, flip_s, light_s: self._shown.append(picture))
+
+    def _build_stage(self, casting: Casting, calibration: ProCam | Planar) -> None:
+        world, projector = self.cart.world, self.cart.projector
+        self._mode = projector.mode
+        size = (self._mode.width, self._mode.height)
+        settings = StageSettings(brightness_limit=world.scenario.stage.brightness_limit)
+        renderer = StageRenderer(projector.context, size, world.mask, settings)
+        self._test_only = tuple(casting.sources.values()) == (DOTS,)
+        sources = casting.sources if self._test_only else {**casting.sources, DOTS: DOTS}
+        cast = Cast(sources, world.mask, renderer)
+        reader = TrackReader(self.board, world.scenario.tracking.prediction)
+        mapping = mapping_for(calibration, world.mask, reader)
+        period_s = 1 / self._mode.rate_hz
+        self.stage = StageWorker(renderer, cast, mapping, reader, self.board, period_s)
+        self._renderer, self._cast = renderer, cast
+        with projector.context:
+            self._probe_buffer = projector.context.framebuffer(
+                [projector.context.texture(size, 4)], projector.context.depth_renderbuffer(size)
+            )
+
+    def _observe(self, frame: Frame, result: TrackResult) -> None:
+        self.observer(frame, result)
+        self.last_seen = (frame, result)
+
+    @property
+    def missed_flips(self) -> int:
+        return self.cart.projector.missed_flips
+
+    def play(self, duration_s: float) -> Iterator[Flip | None]:
+        """Play until `duration_s` after the cart's time 0; None for a flip without a projector."""
+        clock, end_s = self.cart.clock, self.cart.world.origin_s + duration_s
+        index = 0
+        while clock.now() < end_s - 0.5 / self._mode.rate_hz:
+            yield self._flip(index)
+            index += 1
+
+    def _flip(self, index: int) -> Flip | None:
+        clock, projector = self.cart.clock, self._projector
+        flip_s = projector.use(lambda device: device.next_flip_s())
+        if flip_s is None:
+            self._until(clock.now() + 1 / self._mode.rate_hz)
+            return None
+        latch_s = flip_s - self._latency.latch_ms * 1e-3
+        self.stage.announce(flip_s, flip_s - latch_s)
+        self._until(latch_s)
+        picture = self.stage.latch(clock.now(), flip_s + self._mode.light_delay_s)
+        probe = None if self._test_only else self._draw_probe(picture)
+        self.stage.draw(self.cart.projector.framebuffer, picture)
+        self._shown.clear()
+        shown_s = projector.use(lambda device: device.present())
+        if shown_s is None or not self._shown:
+            return None
+        clock.sleep_until(shown_s)
+        shown = self._shown[-1]
+        return Flip(index, shown_s, picture, shown, shown if probe is None else probe)
+
+    def _until(self, latch_s: float) -> None:
+        """Let the tracker, the voice and the show do what they can before the latch."""
+        clock, camera = self.cart.clock, self.cart.camera
+        last_s = latch_s - self._latency.tracking_ms * 1e-3
+        while camera.state is camera.state.READY:
+            arrival_s = _arrival(camera)
+            if arrival_s is None or arrival_s > last_s + 1e-9:
+                break
+            clock.sleep_until(arrival_s)
+            self.tracker.step()
+        clock.sleep_until(last_s)
+        self.tracker.step()
+        clock.sleep_until(latch_s)
+        while self.voice.step():
+            pass
+        while self.show.step():
+            pass
+
+    def _draw_probe(self, picture: Picture) -> Image:
+        """The same frame with dots, drawn by the same renderer with the same numbers."""
+        items: tuple[DrawItem, ...] = ()
+        if picture.items:
+            nothing = np.zeros(6), np.zeros(13)
+            items = (self._cast.item(DOTS, 1.0, *nothing, picture.light_s),)
+        probe = Picture(
+            picture.light_s, picture.matrix, items, picture.brightness, picture.measured_s
+        )
+        self.stage.draw(self._probe_buffer, probe)
+        return read_back(self._probe_buffer)
+
+
+def _arrival(camera: object) -> float | None:
+    from hypermask_drivers.errors import DeviceError
+
+    try:
+        arrival: float = camera.next_arrival_s()  # type: ignore[attr-defined]
+    except DeviceError:
+        return None
+    return arrival
+
+
+def read_back(framebuffer: moderngl.Framebuffer) -> Image:
+    """A framebuffer's picture (h, w, 3) RGB, row 0 at the top."""
+    with framebuffer.ctx:
+        width, height = framebuffer.size
+        data = framebuffer.read(components=3, alignment=1)
+    return np.frombuffer(data, np.uint8).reshape(height, width, 3)[::-1]

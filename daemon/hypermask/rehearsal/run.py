@@ -1,0 +1,196 @@
+"""`hypermask rehearse`: from a scenario file to a report, a film and a contact sheet."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from hypermask import paths
+from hypermask.calibration.parameters import ProCam
+from hypermask.calibration.planar import Planar
+from hypermask.errors import HypermaskError
+from hypermask.rehearsal import report as figures
+from hypermask.rehearsal.calibrate import calibrate
+from hypermask.rehearsal.cart import SimulatedCart
+from hypermask.rehearsal.journal import Journal
+from hypermask.rehearsal.lockstep import LockStep
+from hypermask.rehearsal.show_parts import casting_of
+from hypermask_drivers.clock import VirtualClock
+from hypermask_sim.dots import load_dots
+from hypermask_sim.judge import FrameMeasurement, Judge
+from hypermask_sim.scenario import Scenario, load_scenario
+from hypermask_sim.world import World
+
+REFERENCE = "reference-cart.toml"
+
+
+def rehearse(
+    scenario_path: Path | None,
+    assignments: list[str],
+    out: Path,
+    realtime: bool = False,
+    pictures: bool = True,
+    quiet: bool = False,
+) -> dict[str, Any]:
+    """Play a scenario and write `out`/report.json (and the pictures); returns the report.
+
+    Raises `HypermaskError` for whatever is wrong with the scenario or its files, before anything
+    is played or written.
+    """
+    path = scenario_path or paths.configs() / "scenarios" / REFERENCE
+    scenario = load_scenario(path, assignments)
+    if realtime:
+        from hypermask.rehearsal.realtime import play_realtime
+
+        return play_realtime(scenario, out, pictures, quiet)
+    return play(scenario, out, pictures, quiet)
+
+
+def play(
+    scenario: Scenario,
+    out: Path | None,
+    pictures: bool = True,
+    quiet: bool = False,
+    calibration: ProCam | Planar | None = None,
+) -> dict[str, Any]:
+    """Play in lock-step. With `out` None nothing is written. calibration: instead of making one."""
+    rehearsal = Rehearsal(scenario, calibration)
+    with _progress(quiet) as progress:
+        return rehearsal.run(out, pictures, progress)
+
+
+class Rehearsal:
+    """One lock-step rehearsal: the cart, the show on it, the judge and the pictures."""
+
+    def __init__(self, scenario: Scenario, calibration: ProCam | Planar | None = None) -> None:
+        self.casting = casting_of(scenario)
+        self.world = World(scenario)
+        self.scenario = scenario
+        self.journal = Journal()
+        for note in self.world.notes:
+            self.journal(0.0, "NOTE", note)
+        self.calibration = calibration or calibrate(self.world, self.journal)
+        cart = SimulatedCart(self.world, VirtualClock(), self.journal)
+        self.lockstep = LockStep(cart, self.calibration, self.casting)
+        self.judge = Judge(self.world, load_dots(paths.configs() / "characters" / "dots"))
+        self.measured: list[FrameMeasurement] = []
+        self.leads_s: list[float] = []
+
+    def run(self, out: Path | None, pictures: bool, progress: Progress) -> dict[str, Any]:
+        """Play to the end, write the report (and pictures) into `out`, and return the report."""
+        taker = self._pictures(out) if out is not None and pictures else None
+        duration_s = self.world.duration_s
+        task = progress.add_task(self.scenario.name, total=duration_s)
+        for flip in self.lockstep.play(duration_s):
+            progress.update(task, completed=self.lockstep.cart.clock.now())
+            if flip is None:
+                continue
+            self.measured.append(self.judge.examine(flip.probe, flip.picture.light_s))
+            if flip.picture.lead_s is not None and flip.picture.items:
+                self.leads_s.append(flip.picture.lead_s)
+            if taker is not None:
+                taker.take(flip, self.lockstep.last_seen, self._caption())
+        report = self._report()
+        if out is not None:
+            figures.write_json(out / "report.json", report)
+            figures.write_json(out / "timings.json", self._timings())
+        if taker is not None and out is not None:
+            self._finish(taker, out, report)
+        return report
+
+    def _pictures(self, out: Path) -> Any:
+        from hypermask.rehearsal.pictures import Pictures
+
+        out.mkdir(parents=True, exist_ok=True)
+        try:
+            return Pictures(self.lockstep.cart, out / "show.mp4", self.world.duration_s)
+        except HypermaskError as error:
+            if error.code != "FILM-FFMPEG":
+                raise
+            # The figures do not need the film: say what is missing and go on.
+            self.journal(0.0, error.code, str(error))
+            print(error, file=sys.stderr)
+            return None
+
+    def _finish(self, taker: Any, out: Path, report: dict[str, Any]) -> None:
+        from hypermask.rehearsal.sheet import write_sheet
+
+        taker.close()
+        write_sheet(out / "contact-sheet.png", report, taker.moments)
+
+    def _caption(self) -> str:
+        cues = [event.text for event in self.journal.events if event.code == "CUE"]
+        return cues[-1].split(": ")[-1] if cues else "neutral"
+
+    def _report(self) -> dict[str, Any]:
+        scenario, lockstep = self.scenario, self.lockstep
+        latency = scenario.latency
+        return {
+            "version": figures.VERSION,
+            "scenario": scenario.name,
+            "mode": "lock-step",
+            "mapping": scenario.mapping,
+            "character": scenario.character,
+            "prediction": scenario.tracking.prediction,
+            "duration_s": round(self.world.duration_s, 6),
+            "frames": len(self.measured),
+            "registration_mm": figures.registration(self.measured),
+            "tracking": lockstep.observer.summary(),
+            "lead_ms": figures.spread(self.leads_s, 1e3),
+            "compute_ms": {
+                "clock": "virtual: what the scenario's [latency] charges; measured wall times of "
+                "this run are in timings.json",
+                "tracking": _charged(latency.tracking_ms),
+                "stage": _charged(latency.latch_ms),
+                "voice": _charged(latency.voice_ms),
+            },
+            "missed_flips": lockstep.missed_flips,
+            "calibration": self._calibration(),
+            "outages": figures.outages(scenario, self.measured),
+            "mouth": figures.mouth(lockstep.voice.history),
+            "events": self.journal.as_data(),
+            "series": figures.series(self.measured),
+        }
+
+    def _calibration(self) -> dict[str, Any]:
+        calibration = self.calibration
+        if isinstance(calibration, Planar):
+            return {
+                "kind": calibration.kind,
+                "distance_m": round(calibration.distance_m, 5),
+                "band_m": [round(edge, 5) for edge in calibration.band_m],
+                "expected_mm": round(
+                    calibration.expected_error_m(float(self.world.rest[2])) * 1e3, 4
+                ),
+            }
+        return {"kind": "procam", "baseline_m": round(calibration.baseline_m, 5)}
+
+    def _timings(self) -> dict[str, Any]:
+        lockstep = self.lockstep
+        return {
+            "what": "wall-clock time of each step on this machine, in milliseconds",
+            "compute_ms": {
+                "tracking": figures.spread(lockstep.tracker.compute_s, 1e3),
+                "stage": figures.spread(lockstep.stage.compute_s, 1e3),
+                "voice": figures.spread(lockstep.voice.compute_s, 1e3),
+            },
+        }
+
+
+def _charged(value: float) -> dict[str, float]:
+    return {"p50": value, "p99": value}
+
+
+def _progress(quiet: bool) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f} of {task.total:.1f} s"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        disable=quiet,
+    )

@@ -1,0 +1,91 @@
+"""When to latch: as late before the flip as drawing safely allows, learnt from every flip.
+
+The later the pose is latched, the shorter the prediction; but a frame that is not ready at its
+flip costs a whole period. The budget between latch and flip is a high quantile of what latching,
+waking up and drawing lately took, plus a margin that rises with every missed flip and falls
+slowly while all goes well (a stochastic quantile estimate, Robbins and Monro 1951).
+
+Pure logic on times: nothing here sleeps or reads a clock.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from hypermask.config import Settings
+
+
+class PacingSettings(Settings):
+    """Section `[stage.pacing]`.
+
+    window_frames: how many of the latest frames count; quantile: of their cost;
+    target_misses: fraction of flips that the margin may end up missing;
+    start_budget_s: before anything is known; margin_*_s: bounds and step of the margin.
+    """
+
+    window_frames: int = Field(180, ge=10)
+    quantile: float = Field(0.98, gt=0.5, le=1)
+    target_misses: float = Field(0.003, gt=0, lt=0.01)
+    start_budget_s: float = Field(0.012, gt=0)
+    margin_start_s: float = Field(0.0015, ge=0)
+    margin_floor_s: float = Field(0.0005, ge=0)
+    margin_step_s: float = Field(0.0015, gt=0)
+
+
+@dataclass
+class FlipCount:
+    flips: int = 0
+    missed: int = 0
+
+    @property
+    def on_time(self) -> float:
+        """Fraction of the display's flips that brought a new picture; 1 before the first."""
+        total = self.flips + self.missed
+        return self.flips / total if total else 1.0
+
+
+class Pacer:
+    """One frame: `latch_s(flip)`, then draw, then `drawn`, then `flipped`."""
+
+    def __init__(self, period_s: float, settings: PacingSettings | None = None) -> None:
+        self._period_s = period_s
+        self._settings = settings or PacingSettings()
+        self._costs: deque[float] = deque(maxlen=self._settings.window_frames)
+        self._margin_s = self._settings.margin_start_s
+        self.count = FlipCount()
+
+    @property
+    def budget_s(self) -> float:
+        """Time from latch to flip: what frames cost plus the margin, at most one period."""
+        return min(self._cost() + self._margin_s, self._period_s)
+
+    def latch_s(self, next_flip_s: float) -> float:
+        """When to take the pose for the flip at `next_flip_s`; in the past means: at once."""
+        return next_flip_s - self.budget_s
+
+    def drawn(self, latch_s: float, done_s: float) -> None:
+        """The frame planned to be latched at `latch_s` was finished by the GPU at `done_s`."""
+        if np.isfinite(done_s - latch_s):
+            self._costs.append(max(done_s - latch_s, 0.0))
+
+    def flipped(self, planned_s: float, flip_s: float) -> int:
+        """The frame meant for `planned_s` was shown at `flip_s`; returns the flips missed."""
+        missed = max(round((flip_s - planned_s) / self._period_s), 0)
+        self.count.flips += 1
+        self.count.missed += missed
+        step, target = self._settings.margin_step_s, self._settings.target_misses
+        self._margin_s += step if missed else -step * target / (1 - target)
+        self._margin_s = float(
+            np.clip(self._margin_s, self._settings.margin_floor_s, self._period_s)
+        )
+        return missed
+
+    def _cost(self) -> float:
+        if len(self._costs) < 10:
+            return max([self._settings.start_budget_s, *self._costs])
+        costs = sorted(self._costs)
+        return costs[min(int(self._settings.quantile * len(costs)), len(costs) - 1)]

@@ -1,0 +1,286 @@
+"""Draws actors on the mask: textured meshes through any projective map, mask-shaped, dark eyes.
+
+The projected picture is light, so black is nothing, and a cross-fade is the sum of finished
+pictures of the actors, each times its weight: two opaque actors never show what is behind them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import moderngl
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hypermask.errors import DataError
+from hypermask.mask import Mask
+from hypermask.stage import shaders
+from hypermask.stage.clip import View, view_of
+from hypermask.stage.gpu_actor import GpuActor
+from hypermask.stage.layers import Actor, Positions
+from hypermask.stage.settings import StageSettings
+
+_OVER = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
+_DARKEN = (moderngl.ZERO, moderngl.ONE_MINUS_SRC_ALPHA)
+_ADD = (moderngl.ONE, moderngl.ONE)
+_DISC_SEGMENTS = 32
+
+
+@dataclass
+class DrawItem:
+    """key: a loaded actor; positions: (V, 3) float32 mask metres for each of its layers;
+    opacity: its weight in 0..1. Weights that sum to more than 1 are scaled down to it."""
+
+    key: str
+    positions: tuple[Positions, ...]
+    opacity: float = 1.0
+
+
+class StageRenderer:
+    """Owns what it has loaded into `context`; sets all GL state that it needs at each draw.
+
+    size: (width, height) in pixels of the framebuffers to draw in.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        size: tuple[int, int],
+        mask: Mask,
+        settings: StageSettings | None = None,
+    ) -> None:
+        self._context = context
+        self._size = size
+        self._settings = settings or StageSettings()
+        self._actors: dict[str, GpuActor] = {}
+        self._scratch: moderngl.Framebuffer | None = None
+        self._reported = False
+        self._discs = eye_discs(mask, self._settings)
+        with context:
+            self._programs = (
+                context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_FRAGMENT),
+                context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_FRAGMENT),
+            )
+            self._disc_program = context.program(shaders.DISC_VERTEX, shaders.DISC_FRAGMENT)
+            self._composite = context.vertex_array(
+                context.program(shaders.COMPOSITE_VERTEX, shaders.COMPOSITE_FRAGMENT), []
+            )
+            self._disc_array = self._upload_discs()
+        for program in self._programs:
+            self._set_outline(program, mask)
+
+    def load(self, key: str, actor: Actor) -> None:
+        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time."""
+        with self._context:
+            loaded = GpuActor(self._context, actor, self._programs, self._settings)
+            self.unload(key)
+            self._actors[key] = loaded
+
+    def unload(self, key: str) -> None:
+        actor = self._actors.pop(key, None)
+        if actor is not None:
+            with self._context:
+                actor.release()
+
+    @property
+    def loaded(self) -> tuple[str, ...]:
+        return tuple(self._actors)
+
+    def draw(
+        self,
+        framebuffer: moderngl.Framebuffer,
+        projector_from_mask: ArrayLike,
+        items: Sequence[DrawItem],
+        brightness: float = 1.0,
+    ) -> None:
+        """Draw the whole frame; black where no actor is.
+
+        projector_from_mask: (3, 4) from mask metres to projector pixels (origin in the centre of
+        the top left pixel), any scale; brightness: 0..1, times every pixel value.
+        Raises `DataError` STAGE-KEY, STAGE-MESH. Numbers that are not finite give a black frame,
+        and `DataError` STAGE-NAN for the first of such frames in a row.
+        """
+        visible = self._visible(items, brightness)
+        with self._context:
+            self._clear(framebuffer)
+            if not visible:
+                return
+            parts = [part for item in visible for part in item.positions]
+            if len(self._discs):
+                parts.append(self._discs[:, :3])
+            try:
+                lights = [brightness, *(item.opacity for item in visible)]
+                if not np.isfinite(lights).all():
+                    raise ValueError("not finite")
+                view = view_of(projector_from_mask, np.concatenate(parts), self._size)
+            except ValueError:
+                self._report()
+                return
+            self._reported = False
+            if view is not None:
+                self._draw_view(framebuffer, view, visible, brightness)
+
+    def draw_black(self, framebuffer: moderngl.Framebuffer) -> None:
+        with self._context:
+            self._clear(framebuffer)
+
+    def release(self) -> None:
+        for key in self.loaded:
+            self.unload(key)
+
+    def _visible(self, items: Sequence[DrawItem], brightness: float) -> list[DrawItem]:
+        for item in items:
+            if item.key not in self._actors:
+                raise DataError(
+                    "STAGE-KEY",
+                    f"the actor '{item.key}' is not on the stage",
+                    "Load it before it is drawn.",
+                )
+            self._actors[item.key].check(item.key, item.positions)
+        if brightness <= 0:
+            return []
+        total = max(1.0, sum(item.opacity for item in items if item.opacity > 0))
+        return [
+            DrawItem(item.key, item.positions, item.opacity / total)
+            for item in items
+            if not item.opacity <= 0
+        ]
+
+    def _report(self) -> None:
+        if not self._reported:
+            self._reported = True
+            raise DataError(
+                "STAGE-NAN",
+                "the face or its place on the mask came as numbers that are not finite",
+                "The stage stays black until they are; look at the tracking and the calibration.",
+            )
+
+    def _clear(self, framebuffer: moderngl.Framebuffer) -> None:
+        framebuffer.scissor = (0, 0, *self._size)
+        framebuffer.depth_mask = True
+        framebuffer.color_mask = True, True, True, True
+        framebuffer.viewport = (0, 0, *self._size)
+        framebuffer.use()
+        framebuffer.clear(0.0, 0.0, 0.0, 1.0)
+        self._context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
+
+    def _draw_view(
+        self,
+        framebuffer: moderngl.Framebuffer,
+        view: View,
+        items: Sequence[DrawItem],
+        brightness: float,
+    ) -> None:
+        matrix = np.ascontiguousarray(view.matrix.T).tobytes()
+        framebuffer.scissor = view.box
+        framebuffer.use()
+        self._draw_item(items[0], matrix, brightness)
+        for item in items[1:]:
+            scratch = self._scratch_framebuffer()
+            scratch.clear(0.0, 0.0, 0.0, 0.0, viewport=view.box)
+            scratch.scissor = view.box
+            scratch.use()
+            self._draw_item(item, matrix, brightness)
+            framebuffer.use()
+            self._add(scratch)
+        self._draw_discs(matrix)
+        framebuffer.scissor = (0, 0, *self._size)
+
+    def _draw_item(self, item: DrawItem, matrix: bytes, brightness: float) -> None:
+        actor = self._actors[item.key]
+        light = min(brightness, 1.0) * item.opacity * self._light_factor(actor)
+        context = self._context
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        context.depth_func = "<="
+        context.blend_func = _OVER
+        for program in self._programs:
+            uniform(program, "clip_from_mask").write(matrix)
+            uniform(program, "light").value = light
+        actor.stream(item.positions)
+        actor.render()
+
+    def _light_factor(self, actor: GpuActor) -> float:
+        """What pixel values are multiplied by, so that peak and mean light keep their limits."""
+        settings = self._settings
+        allowed = settings.mean_light_limit / max(actor.mean_light, 1e-6)
+        light = min(settings.brightness_limit, allowed)
+        return float(light ** (1 / settings.projector_gamma))
+
+    def _add(self, scratch: moderngl.Framebuffer) -> None:
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = _ADD
+        picture = scratch.color_attachments[0]
+        assert isinstance(picture, moderngl.Texture)
+        picture.use(0)
+        self._composite.render(moderngl.TRIANGLES, vertices=3)
+
+    def _draw_discs(self, matrix: bytes) -> None:
+        if self._disc_array is None:
+            return
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = _DARKEN
+        uniform(self._disc_program, "clip_from_mask").write(matrix)
+        self._disc_array.render(moderngl.TRIANGLES, vertices=len(self._discs))
+
+    def _upload_discs(self) -> moderngl.VertexArray | None:
+        if not len(self._discs):
+            return None
+        buffer = self._context.buffer(self._discs.tobytes())
+        return self._context.vertex_array(self._disc_program, [(buffer, "4f", "in_vertex")])
+
+    def _scratch_framebuffer(self) -> moderngl.Framebuffer:
+        if self._scratch is None:
+            self._scratch = self._context.framebuffer(
+                [self._context.texture(self._size, 4)],
+                self._context.depth_renderbuffer(self._size),
+            )
+        return self._scratch
+
+    def _set_outline(self, program: moderngl.Program, mask: Mask) -> None:
+        outline = mask.settings.outline
+        width, height, n = outline.half_width_m, outline.half_height_m, outline.exponent
+        begin = 1 - self._settings.outline_soft_m / min(width, height)
+        uniform(program, "outline").value = (1 / width, 1 / height, n)
+        uniform(program, "soft_scale").value = 1 / (1 - begin**n)
+
+
+def uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
+    member = program[name]
+    assert isinstance(member, moderngl.Uniform)
+    return member
+
+
+def eye_discs(mask: Mask, settings: StageSettings) -> NDArray[np.float32]:
+    """Triangles (3 T, 4) float32 on the relief over the eye holes: x, y, z metres, blackness.
+
+    Black within the hole's radius plus the margin, fading out over the soft edge outside.
+    """
+    angles = np.linspace(0, 2 * np.pi, _DISC_SEGMENTS + 1)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    triangles = [np.zeros((0, 4))]
+    for hole in mask.settings.eye_holes:
+        # the polygon's edges, not its corners, must lie on the circle
+        black = (hole.radius_m + settings.eye_hole_margin_m) / np.cos(np.pi / _DISC_SEGMENTS)
+        centre = np.asarray(hole.centre_m)
+        rings = [
+            _on_relief(mask, centre + circle * radius, blackness)
+            for radius, blackness in (
+                (0.0, 1.0),
+                (black, 1.0),
+                (black + settings.eye_hole_soft_m, 0.0),
+            )
+        ]
+        for inner, outer in pairwise(rings):
+            for corners in (
+                (inner[:-1], outer[:-1], outer[1:]),
+                (inner[:-1], outer[1:], inner[1:]),
+            ):
+                triangles.append(np.stack(corners, axis=1).reshape(-1, 4))
+    return np.concatenate(triangles).astype(np.float32)
+
+
+def _on_relief(mask: Mask, points: NDArray[np.float64], blackness: float) -> NDArray[np.float64]:
+    heights = mask.height(points[:, 0], points[:, 1])
+    return np.column_stack([points, heights, np.full(len(points), blackness)])

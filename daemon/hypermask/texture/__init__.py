@@ -1,0 +1,1 @@
+"""A photograph becomes a character: landmarks, fit, normalised texture (PAPERS B)."""

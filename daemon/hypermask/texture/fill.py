@@ -1,0 +1,96 @@
+"""Skin where the photograph has none: towards the mask's rim, behind hair and background.
+
+Each texel has a weight of how far the photograph is believed there (PAPERS B5, B6). Where it is
+not, the mean face stands in, with its colour multiplied by what the person's own skin is in
+proportion to the mean's, carried smoothly outwards from where both are seen.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.texture import regions
+
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
+
+_BORDER_MM = (2.0, 9.0)
+_TESTED_MM = 26.0
+_FOREHEAD_MM = 52.0
+_BEARD_MM = -38.0
+_LIMIT = 3.0
+_LEAST_SPREAD = (14.0, 5.0, 5.0)
+"""Lab units (0 to 255): light and shade vary more than hue."""
+
+
+def skin_colour(texture: Image) -> NDArray[np.float32]:
+    """Median Lab colour (3,) of the cheeks, OpenCV's 8-bit scale."""
+    lab = cv2.cvtColor(texture, cv2.COLOR_BGR2LAB)[regions.cheeks() > 0.5].astype(np.float32)
+    return np.asarray(np.median(lab, axis=0), np.float32)
+
+
+def belief(texture: Image) -> Map:
+    """(SIZE, SIZE) 0 to 1: how far a normalised photograph (BGR) shows the face's skin there."""
+    weight = regions.ramp(regions.depth_mm(), *_BORDER_MM)
+    smooth = cv2.GaussianBlur(texture, (0, 0), 1.2)
+    lab = cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB).astype(np.float32)
+    seen = lab[regions.cheeks() > 0.5]
+    middle = np.median(seen, axis=0)
+    spread = 1.4826 * np.median(np.abs(seen - middle), axis=0)
+    spread = np.maximum(1.5 * spread, _LEAST_SPREAD)
+    strange = (np.square((lab - middle) / spread).sum(axis=2) > _LIMIT**2).astype(np.float32)
+    strange *= _tested()
+    strange = regions.grow(regions.grow(strange, -0.6), 2.6)
+    return np.asarray(weight * (1 - regions.soften(strange, 1.5)), np.float32)
+
+
+def _tested() -> Map:
+    """1 where hair or background can be: near the outline and on the forehead; not on a beard."""
+    _, y = regions.grid_mm()
+    near = regions.depth_mm() < _TESTED_MM
+    beard = (y < _BEARD_MM) & (regions.depth_mm() > 5)
+    tested = (near | (y > _FOREHEAD_MM)) & ~beard
+    return np.asarray(tested * (1 - regions.features()), np.float32)
+
+
+def fill(texture: Image, weight: Map, mean: Image) -> Image:
+    """`texture` where `weight` is 1, the recoloured `mean` where it is 0 (all BGR)."""
+    ratio = np.log((texture.astype(np.float32) + 12) / (mean.astype(np.float32) + 12))
+    skin = weight * (1 - regions.features())
+    ratio = cv2.GaussianBlur(ratio * skin[..., None], (0, 0), 4)
+    share = cv2.GaussianBlur(skin, (0, 0), 4)
+    spread = diffuse(ratio / np.maximum(share, 1e-4)[..., None], np.minimum(share, skin))
+    stand_in = (mean.astype(np.float32) + 12) * np.exp(spread) - 12
+    mixed = weight[..., None] * texture + (1 - weight[..., None]) * stand_in
+    return np.clip(mixed, 0, 255).astype(np.uint8)
+
+
+def diffuse(values: Map, weight: Map) -> Map:
+    """Values (h, w, c) carried from where `weight` is 1 to where it is 0, by a pyramid.
+
+    (Gortler et al. 1996, push-pull.)
+    """
+    if min(weight.shape) <= 2:
+        total = max(float(weight.sum()), 1e-6)
+        middle = (values * weight[..., None]).sum(axis=(0, 1)) / total
+        return np.asarray(np.broadcast_to(middle, values.shape), np.float32)
+    less = cv2.pyrDown(weight)
+    coarse = cv2.pyrDown(values * weight[..., None]) / np.maximum(less, 1e-6)[..., None]
+    believed = np.minimum(less * 2, 1).astype(np.float32)
+    below = diffuse(np.asarray(coarse, np.float32), believed)
+    size = (weight.shape[1], weight.shape[0])
+    smooth = cv2.GaussianBlur(cv2.resize(below, size, interpolation=cv2.INTER_LINEAR), (0, 0), 1.5)
+    return np.asarray(values * weight[..., None] + smooth * (1 - weight[..., None]), np.float32)
+
+
+def balance(texture: Image, mean: Image) -> Image:
+    """White balance and exposure part of the way towards the mean; a person's own skin stays."""
+    own, wanted = skin_colour(texture), skin_colour(mean)
+    shift = np.clip((wanted - own) * (0.2, 0.4, 0.4), (-12, -6, -6), (16, 6, 6))
+    lab = cv2.cvtColor(texture, cv2.COLOR_BGR2LAB).astype(np.float32)
+    light = lab[..., 0] / 255
+    lab[..., 0] += shift[0] * 4 * light * (1 - light) * 1.2
+    lab[..., 1:] += shift[1:] * np.minimum(light * 2, 1)[..., None]
+    return np.asarray(cv2.cvtColor(np.clip(lab, 0, 255).astype(np.uint8), cv2.COLOR_LAB2BGR))

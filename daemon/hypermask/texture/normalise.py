@@ -1,0 +1,88 @@
+"""The normalised texture: the mesh at rest, rendered with the photograph mapped on to it (PAPERS B3)."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.face.mesh import LANDMARKS, even_lips, load_mesh
+from hypermask.face.points import OVAL
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+SIZE = 512
+_PHOTO_EYES_PX = 240.0
+"""Larger photographs are scaled down to this distance of the pupils before they are sampled."""
+
+
+@dataclass(frozen=True)
+class Raster:
+    """Which triangle covers a pixel, drawn in order.
+
+    covered: (h, w) bool; corners: (h, w, 3) vertices; weights: (h, w, 3), summing to 1.
+    """
+
+    covered: NDArray[np.bool_]
+    corners: NDArray[np.int32]
+    weights: NDArray[np.float32]
+
+
+def rasterise(points: Array, triangles: NDArray[np.int32], size: tuple[int, int]) -> Raster:
+    """points: (V, 2) pixels; triangles: (T, 3), later ones over earlier ones; size: (w, h)."""
+    index = np.full(size[::-1], -1, np.int32)
+    for number, corners in enumerate(triangles):
+        outline = np.round(points[corners] * 16).astype(np.int32)
+        cv2.fillConvexPoly(index, outline, number, lineType=8, shift=4)
+    corners = triangles[index]
+    a, b, c = (points[corners[..., k]] for k in range(3))
+    ys, xs = np.mgrid[: size[1], : size[0]]
+    p = np.stack([xs, ys], axis=-1).astype(float)
+    area = _cross(b - a, c - a)
+    area = np.where(np.abs(area) < 1e-9, 1e-9, area)
+    second, third = _cross(p - a, c - a) / area, _cross(b - a, p - a) / area
+    weights = np.stack([1 - second - third, second, third], axis=-1)
+    return Raster(index >= 0, corners, weights.astype(np.float32))
+
+
+@functools.cache
+def texels() -> Raster:
+    """Every texel of the layout; the openings of eyes and mouth are covered as well."""
+    mesh = load_mesh()
+    triangles = np.concatenate([mesh.triangles, mesh.holes])
+    return rasterise(mesh.uv.astype(float) * SIZE - 0.5, triangles, (SIZE, SIZE))
+
+
+def _cross(u: Array, v: Array) -> Array:
+    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+
+
+def normalise(photo: NDArray[Any], landmarks: Array, eye_distance: float) -> Image:
+    """The photograph (h, w, 3) in the texture's layout: (SIZE, SIZE, 3), same colour order.
+
+    landmarks: (468, 2) pixels; eye_distance: pixels between the pupils.
+    """
+    shrink = min(_PHOTO_EYES_PX / eye_distance, 1.0)
+    if shrink < 1:
+        photo = cv2.resize(photo, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+        landmarks = (landmarks + 0.5) * shrink - 0.5
+    where = texels()
+    vertices = _vertices_in_photo(landmarks).astype(np.float32)
+    place = np.einsum("ijk,ijkl->ijl", where.weights, vertices[where.corners])
+    sampled = cv2.remap(photo, place, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    return np.asarray(sampled, np.uint8)
+
+
+def _vertices_in_photo(landmarks: Array) -> Array:
+    """(480, 2) pixels: the landmarks, and the rim by the affine map of the face's outline."""
+    rest = load_mesh().rest
+    outline = list(OVAL)
+    known = np.column_stack([rest[outline], np.ones(len(outline))])
+    affine = np.linalg.lstsq(known, landmarks[outline], rcond=None)[0]
+    rim = np.column_stack([rest[LANDMARKS:], np.ones(len(rest) - LANDMARKS)]) @ affine
+    return np.concatenate([even_lips(landmarks), rim])

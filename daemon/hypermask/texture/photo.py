@@ -1,0 +1,216 @@
+"""A photograph from a file: refused before it is decoded where it is broken or absurd.
+
+Anything OpenCV opens; the EXIF rotation is honoured; large photographs are scaled down.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.errors import DataError
+
+MAX_FILE_BYTES = 200_000_000
+MAX_PIXELS = 120_000_000
+MAX_SIDE = 30_000
+WORKING_SIDE = 1600
+"""Longer photographs are scaled down to this: the texture has no more detail than that."""
+
+Image = NDArray[np.uint8]
+Size = tuple[int, int]
+
+
+def load_photo(path: Path) -> Image:
+    """The photograph, (h, w, 3) BGR, its longer side at most `WORKING_SIDE`.
+
+    Raises `DataError` PHOTO-ABSENT, PHOTO-FORMAT, PHOTO-SIZE.
+    """
+    data = _read(path)
+    size = _header_size(data)
+    if size is None:
+        raise _format(path, "is not a picture of a known kind")
+    _check_size(path, size)
+    if _cut_short(data):
+        raise _format(path, "is cut short: the end of the picture is missing")
+    image = _decode(data, size)
+    if image is None:
+        raise _format(path, "is damaged and cannot be decoded")
+    scale = WORKING_SIDE / max(image.shape[:2])
+    if scale < 1:
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.asarray(image, np.uint8)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
+            raise DataError(
+                "PHOTO-SIZE",
+                f"the photograph {path} is larger than {MAX_FILE_BYTES // 1_000_000} MB",
+                "Save it as a JPEG of ordinary size.",
+            )
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise DataError(
+            "PHOTO-ABSENT", f"there is no photograph {path}", "Check the path."
+        ) from None
+    except OSError as error:
+        raise DataError(
+            "PHOTO-ABSENT",
+            f"the photograph {path} cannot be read: {error.strerror or error}",
+            "Give the path of a picture file that you may read.",
+        ) from error
+
+
+def _format(path: Path, what: str) -> DataError:
+    return DataError(
+        "PHOTO-FORMAT", f"{path} {what}", "Save the photograph again as JPEG or PNG and try it."
+    )
+
+
+def _check_size(path: Path, size: Size) -> None:
+    width, height = size
+    if width < 1 or height < 1:
+        raise _format(path, "says that it has no pixels")
+    if max(size) > MAX_SIDE or width * height > MAX_PIXELS:
+        raise DataError(
+            "PHOTO-SIZE",
+            f"{path} says that it has {width} x {height} pixels",
+            f"Scale it down to less than {MAX_PIXELS // 1_000_000} million pixels.",
+        )
+
+
+def _decode(data: bytes, size: Size) -> Image | None:
+    flags = cv2.IMREAD_COLOR
+    if data.startswith(b"\xff\xd8") and max(size) >= 4 * WORKING_SIDE:
+        flags = cv2.IMREAD_REDUCED_COLOR_4
+    elif data.startswith(b"\xff\xd8") and max(size) >= 2 * WORKING_SIDE:
+        flags = cv2.IMREAD_REDUCED_COLOR_2
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except (cv2.error, MemoryError):
+        return None
+    return None if image is None else np.asarray(image, np.uint8)
+
+
+def _cut_short(data: bytes) -> bool:
+    """Whether the end mark of a JPEG or PNG is missing; OpenCV would fill up with grey."""
+    if data.startswith(b"\xff\xd8"):
+        return b"\xff\xd9" not in data[-65536:]
+    if data.startswith(b"\x89PNG"):
+        return b"IEND" not in data[-65536:]
+    return False
+
+
+def _header_size(data: bytes) -> Size | None:
+    """(width, height) from the file's header, or None for a broken or unknown file."""
+    try:
+        for magic, reader in _READERS:
+            if magic.match(data):
+                return reader(data)
+    except (struct.error, IndexError, ValueError, KeyError):
+        pass
+    return None
+
+
+def _png(data: bytes) -> Size | None:
+    return struct.unpack(">II", data[16:24]) if data[12:16] == b"IHDR" else None  # type: ignore[return-value]
+
+
+def _jpeg(data: bytes) -> Size | None:
+    position = 2
+    while True:
+        if data[position] != 0xFF:
+            return None
+        marker = data[position + 1]
+        if marker == 0xFF:
+            position += 1
+            continue
+        if 0xD0 <= marker <= 0xD8 or marker == 0x01:
+            position += 2
+            continue
+        if marker in (0xD9, 0xDA):
+            return None
+        (length,) = struct.unpack_from(">H", data, position + 2)
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", data, position + 5)
+            return width, height
+        position += 2 + length
+
+
+def _bmp(data: bytes) -> Size | None:
+    (header,) = struct.unpack_from("<I", data, 14)
+    layout = "<HH" if header == 12 else "<ii"
+    width, height = struct.unpack_from(layout, data, 18)
+    return width, abs(height)
+
+
+def _webp(data: bytes) -> Size | None:
+    kind = data[12:16]
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8X":
+        return (
+            int.from_bytes(data[24:27], "little") + 1,
+            int.from_bytes(data[27:30], "little") + 1,
+        )
+    return None
+
+
+def _tiff(data: bytes) -> Size | None:
+    order = "<" if data[:2] == b"II" else ">"
+    (offset,) = struct.unpack_from(order + "I", data, 4)
+    (entries,) = struct.unpack_from(order + "H", data, offset)
+    found = {}
+    for number in range(entries):
+        entry = offset + 2 + 12 * number
+        tag, kind = struct.unpack_from(order + "HH", data, entry)
+        if tag in (256, 257):
+            layout = {3: "H", 4: "I"}[kind]
+            (found[tag],) = struct.unpack_from(order + layout, data, entry + 8)
+    return found[256], found[257]
+
+
+def _pnm(data: bytes) -> Size | None:
+    fields = re.sub(rb"#[^\n]*\n", b"\n", data[:4096])[2:].split()
+    return int(fields[0]), int(fields[1])
+
+
+def _gif(data: bytes) -> Size | None:
+    return struct.unpack_from("<HH", data, 6)  # type: ignore[return-value]
+
+
+def _jpeg2000(data: bytes) -> Size | None:
+    place = data.index(b"ihdr", 0, 65536)
+    height, width = struct.unpack_from(">II", data, place + 4)
+    return width, height
+
+
+def _avif(data: bytes) -> Size | None:
+    place = data.index(b"ispe", 0, 65536)
+    return struct.unpack_from(">II", data, place + 8)  # type: ignore[return-value]
+
+
+_READERS = tuple(
+    (re.compile(magic, re.DOTALL), reader)
+    for magic, reader in (
+        (rb"\x89PNG\r\n\x1a\n", _png),
+        (rb"\xff\xd8\xff", _jpeg),
+        (rb"BM", _bmp),
+        (rb"RIFF....WEBP", _webp),
+        (rb"II\*\0|MM\0\*", _tiff),
+        (rb"P[1-6]\s", _pnm),
+        (rb"GIF8[79]a", _gif),
+        (rb"\0\0\0\x0cjP", _jpeg2000),
+        (rb"....ftyp(avif|avis)", _avif),
+    )
+)

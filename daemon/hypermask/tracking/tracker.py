@@ -1,0 +1,356 @@
+"""From camera frames to the mask's pose: search, confirm, lock, and let go when in doubt.
+
+searching   the whole frame is read; a labelling of the blobs makes a candidate
+confirming  the candidate must be found again in the next frames, moving as a head can move
+locked      only windows round the predicted LEDs are read
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from hypermask.config import Settings
+from hypermask.errors import DataError
+from hypermask.geometry import Array, Pinhole, Pose, vector_from_rotation
+from hypermask.tracking.assign import AssignSettings, assign
+from hypermask.tracking.blobs import Blobs, BlobSettings, Image, find_blobs, find_blobs_in
+from hypermask.tracking.labels import LabelSettings, label_blobs
+from hypermask.tracking.pose import (
+    PoseEstimate,
+    estimate_at,
+    project_with_jacobian,
+    solve_pose,
+)
+
+if TYPE_CHECKING:
+    from hypermask.tracking.motion import MotionFilter, PredictedPose
+
+
+class TrackerSettings(Settings):
+    """Seconds, metres, radians, pixels."""
+
+    blobs: BlobSettings = BlobSettings()
+    labels: LabelSettings = LabelSettings()
+    assign: AssignSettings = AssignSettings()
+    confirm_frames: int = Field(3, ge=1)
+    confirm_frames_four: int = Field(6, ge=1)
+    max_confirm_gap_s: float = Field(0.05, gt=0)
+    # A head on a stage: faster is no head.
+    max_speed: float = Field(5.0, gt=0)
+    max_turn_rate: float = Field(30.0, gt=0)
+    max_acceleration: float = Field(150.0, gt=0)
+    max_turn_acceleration: float = Field(1500.0, gt=0)
+    # How long a lock lives on too few LEDs before the whole frame is searched again.
+    max_two_leds_s: float = Field(0.10, ge=0)
+    max_blind_s: float = Field(0.06, ge=0)
+    max_three_leds_s: float = Field(3.0, ge=0)
+    # Frames in a row whose LEDs do not agree with each other.
+    max_bad_frames: int = Field(4, ge=1)
+    max_rms_px: float = Field(0.6, gt=0)
+    # A single LED further than this from where the pose by all has it is not the LED.
+    max_residual_px: float = Field(0.7, gt=0)
+    min_window_px: float = Field(6.0, gt=0)
+    max_window_px: float = Field(40.0, gt=0)
+    # A pose this old still tells which way up the mask was.
+    prior_lifetime_s: float = Field(2.0, ge=0)
+
+
+@dataclass(frozen=True)
+class TrackResult:
+    """points: (5, 2) px, NaN where unseen; estimate: None unless locked and measured in this
+    frame; searching: the whole frame was read."""
+
+    time_s: float
+    sequence: int
+    locked: bool
+    points: Array
+    estimate: PoseEstimate | None
+    searching: bool
+
+
+@dataclass
+class _Candidate:
+    """The frames of one candidate so far: times, estimates, points."""
+
+    times: list[float] = field(default_factory=list)
+    estimates: list[PoseEstimate] = field(default_factory=list)
+    needed: int = 3
+
+
+class Tracker:
+    """Feed it every frame in order; it feeds the motion filter while locked.
+
+    leds: (5, 3) metres in the mask frame, order of `LED_NAMES`.
+    """
+
+    def __init__(
+        self, leds: Array, camera: Pinhole, settings: TrackerSettings, motion: MotionFilter
+    ) -> None:
+        self.leds = np.asarray(leds, float)
+        self.camera = camera
+        self.settings = settings
+        self.motion = motion
+        self.locked = False
+        self._time = -math.inf
+        self._candidate = _Candidate()
+        self._peaks = np.full(len(self.leds), 255.0)
+        self._widths = np.full(len(self.leds), 1.5)
+        self._last_pose: Pose | None = None
+        self._last_seen = self._last_two = self._last_three = -math.inf
+        self._bad_frames = 0
+
+    def process(self, image: Image, time_s: float, sequence: int) -> TrackResult:
+        """Track one frame (height, width) uint8 whose mid-exposure was at `time_s`.
+
+        A frame that is not later than the one before is ignored (unseen, the lock stays); when
+        time goes back by more than a second the clock was changed and tracking starts afresh.
+        Raises `DataError` TRK-IMAGE for an image of the wrong type or size.
+        """
+        image = self._checked(image)
+        if not math.isfinite(time_s):
+            raise DataError(
+                "TRK-TIME", f"a frame has the time {time_s}", "Check the camera's time stamps."
+            )
+        if time_s <= self._time:
+            if self._time - time_s < 1.0:
+                return self._nothing(time_s, sequence, searching=False)
+            self.reset()
+        self._time = time_s
+        if self.locked:
+            result = self._follow(image, time_s, sequence)
+            if result is not None:
+                return result
+        return self._search(image, time_s, sequence)
+
+    def reset(self) -> None:
+        """Forget the mask; the next frame is searched as a whole."""
+        self._release()
+        self._time = -math.inf
+        self._last_pose = None
+        self.motion.reset()
+
+    # Locked ---------------------------------------------------------------------------------
+
+    def _follow(self, image: Image, time_s: float, sequence: int) -> TrackResult | None:
+        """One locked frame; None when the lock was let go and the frame must be searched."""
+        prediction = self.motion.predict(time_s)
+        projected, jacobian = project_with_jacobian(
+            prediction.pose.rotation, prediction.pose.translation, self.leds, self.camera
+        )
+        windows = self._windows(projected, jacobian, prediction)
+        blobs, owners = find_blobs_in(
+            image, windows, self._peaks, self._widths, self.settings.blobs
+        )
+        chosen = assign(
+            blobs,
+            owners,
+            projected,
+            jacobian,
+            prediction.covariance,
+            self._peaks,
+            self.settings.assign,
+        )
+        points, sigmas = _spread(blobs, chosen)
+        estimate = self._solve(points, sigmas, prediction)
+        seen = ~np.isnan(points[:, 0])
+        if not self._keeps(estimate, prediction, int(np.count_nonzero(seen)), time_s):
+            self._release()
+            return None
+        if estimate is None:
+            return TrackResult(time_s, sequence, True, points, None, False)
+        used = chosen[seen]
+        self._peaks[seen] += 0.1 * (blobs.peaks[used] - self._peaks[seen])
+        self._widths[seen] += 0.1 * (blobs.widths[used] - self._widths[seen])
+        self._last_pose = estimate.pose
+        self.motion.update(time_s, estimate.pose, estimate.covariance)
+        return TrackResult(time_s, sequence, True, points, estimate, False)
+
+    def _solve(
+        self, points: Array, sigmas: Array, prediction: PredictedPose
+    ) -> PoseEstimate | None:
+        """Pose of one locked frame. A point that the pose by all does not explain (a reflection
+        that touches the LED) is made NaN in `points`, and the pose is found without it."""
+        count = np.count_nonzero(~np.isnan(points[:, 0]))
+        if count < 2:
+            return None
+        estimate = solve_pose(points, self.leds, self.camera, prediction, sigmas)
+        if estimate is None or count < 4:
+            return estimate
+        worst = int(np.argmax(estimate.residuals_px))
+        if estimate.residuals_px[worst] <= self.settings.max_residual_px:
+            return estimate
+        points[np.flatnonzero(~np.isnan(points[:, 0]))[worst]] = np.nan
+        return self._solve(points, sigmas, prediction)
+
+    def _windows(
+        self, projected: Array, jacobian: Array, prediction: PredictedPose
+    ) -> NDArray[np.int64]:
+        """(5, 4) windows that hold each LED with its skirt, 4 sigma of the prediction wide."""
+        variance = (jacobian @ prediction.covariance * jacobian).sum(-1)
+        half = 4.0 * np.sqrt(variance) + (3.0 * self._widths + 2.0)[:, None]
+        half = np.minimum(
+            np.maximum(half, self.settings.min_window_px), self.settings.max_window_px
+        )
+        windows = np.empty((len(projected), 4))
+        windows[:, :2] = projected - half
+        windows[:, 2:] = projected + half + 1.0
+        width, height = self.camera.size
+        limit = np.array([width, height, width, height])
+        bounded: NDArray[np.int64] = np.clip(np.rint(windows), 0, limit).astype(np.int64)
+        return bounded
+
+    def _keeps(
+        self, estimate: PoseEstimate | None, prediction: PredictedPose, count: int, time_s: float
+    ) -> bool:
+        """Whether the lock still deserves trust after this frame."""
+        s = self.settings
+        if estimate is not None:
+            self._last_seen = time_s
+            if count >= 3:
+                self._last_two = time_s
+            if count >= 4:
+                self._last_three = time_s
+            bad = estimate.rms_px > s.max_rms_px
+            self._bad_frames = self._bad_frames + 1 if bad else 0
+            if not self._in_range(estimate.pose):
+                return False
+        else:
+            self._bad_frames += count > 0
+        return (
+            self._bad_frames < s.max_bad_frames
+            and time_s - self._last_seen <= s.max_blind_s
+            and time_s - self._last_two <= s.max_two_leds_s
+            and time_s - self._last_three <= s.max_three_leds_s
+        )
+
+    def _in_range(self, pose: Pose) -> bool:
+        distance = float(np.linalg.norm(pose.translation))
+        facing = -float(pose.rotation[:, 2] @ pose.translation) / distance
+        labels = self.settings.labels
+        return labels.min_distance_m < distance < labels.max_distance_m and facing > math.cos(
+            math.radians(min(labels.max_tilt_deg + 8, 88))
+        )
+
+    def _release(self) -> None:
+        self.locked = False
+        self._candidate = _Candidate()
+        self._bad_frames = 0
+
+    # Searching and confirming ---------------------------------------------------------------
+
+    def _search(self, image: Image, time_s: float, sequence: int) -> TrackResult:
+        blobs = find_blobs(image, self.settings.blobs)
+        found = label_blobs(
+            blobs.points, self.leds, self.camera, self.settings.labels, self._recent_pose(time_s)
+        )
+        if found is None:
+            if self._candidate.times and self._stale(time_s):
+                self._candidate = _Candidate()
+            return self._nothing(time_s, sequence, searching=True)
+        seen = found.blobs >= 0
+        points, sigmas = _spread(blobs, found.blobs)
+        estimate = estimate_at(found.pose, points, self.leds, self.camera, sigmas)
+        if estimate is None:
+            return self._nothing(time_s, sequence, searching=True)
+        self._confirm(time_s, estimate, int(np.count_nonzero(seen)))
+        if not self.locked:
+            return TrackResult(time_s, sequence, False, points, None, True)
+        self._peaks = np.full(len(self.leds), 255.0)
+        self._widths = np.full(len(self.leds), 1.5)
+        self._peaks[seen] = blobs.peaks[found.blobs[seen]]
+        self._widths[seen] = blobs.widths[found.blobs[seen]]
+        return TrackResult(time_s, sequence, True, points, estimate, True)
+
+    def _recent_pose(self, time_s: float) -> Pose | None:
+        if self._candidate.estimates:
+            return self._candidate.estimates[-1].pose
+        if time_s - self._last_seen <= self.settings.prior_lifetime_s:
+            return self._last_pose
+        return None
+
+    def _stale(self, time_s: float) -> bool:
+        return time_s - self._candidate.times[-1] > self.settings.max_confirm_gap_s
+
+    def _confirm(self, time_s: float, estimate: PoseEstimate, count: int) -> None:
+        """Add a sighting; lock when enough in a row move as one head can."""
+        s = self.settings
+        candidate = self._candidate
+        if candidate.times and (self._stale(time_s) or not self._follows(time_s, estimate)):
+            candidate = self._candidate = _Candidate()
+        needed = s.confirm_frames if count == 5 else s.confirm_frames_four
+        candidate.needed = max(candidate.needed, needed) if candidate.times else needed
+        if count == 5:
+            candidate.needed = s.confirm_frames
+        candidate.times.append(time_s)
+        candidate.estimates.append(estimate)
+        if len(candidate.times) < candidate.needed:
+            return
+        self.motion.reset()
+        for when, sighting in zip(candidate.times, candidate.estimates, strict=True):
+            self.motion.update(when, sighting.pose, sighting.covariance)
+        self.locked = True
+        self._candidate = _Candidate()
+        self._bad_frames = 0
+        self._last_pose = estimate.pose
+        self._last_seen = self._last_two = self._last_three = time_s
+
+    def _follows(self, time_s: float, estimate: PoseEstimate) -> bool:
+        """Whether the sighting continues the candidate's motion plausibly."""
+        s, c = self.settings, self._candidate
+        velocity, noise = _velocity(c.estimates[-1], estimate, time_s - c.times[-1])
+        limits = np.repeat([s.max_turn_rate, s.max_speed], 3)
+        if (np.abs(velocity) > limits + 4 * noise).any():
+            return False
+        if len(c.times) < 2:
+            return True
+        before, noise_before = _velocity(
+            c.estimates[-2], c.estimates[-1], c.times[-1] - c.times[-2]
+        )
+        change = np.abs(velocity - before)
+        span = (time_s - c.times[-2]) / 2
+        limits = np.repeat([s.max_turn_acceleration, s.max_acceleration], 3) * span
+        return bool((change <= limits + 4 * (noise + noise_before)).all())
+
+    # ----------------------------------------------------------------------------------------
+
+    def _checked(self, image: Image) -> Image:
+        width, height = self.camera.size
+        good = isinstance(image, np.ndarray) and image.dtype == np.uint8
+        if not good or image.shape != (height, width):
+            got = (
+                f"{image.shape} {image.dtype}"
+                if isinstance(image, np.ndarray)
+                else type(image).__name__
+            )
+            raise DataError(
+                "TRK-IMAGE",
+                f"the tracker got an image of {got}, not ({height}, {width}) uint8",
+                "Set the camera's size and 8-bit grey format as the calibration has them.",
+            )
+        return np.ascontiguousarray(image)
+
+    def _nothing(self, time_s: float, sequence: int, searching: bool) -> TrackResult:
+        points = np.full((len(self.leds), 2), np.nan)
+        return TrackResult(time_s, sequence, self.locked, points, None, searching)
+
+
+def _spread(blobs: Blobs, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Points (5, 2) and sigmas (5,) of the chosen blobs, NaN where none was."""
+    seen = chosen >= 0
+    points, sigmas = np.full((len(chosen), 2), np.nan), np.full(len(chosen), np.nan)
+    points[seen], sigmas[seen] = blobs.points[chosen[seen]], blobs.sigmas[chosen[seen]]
+    return points, sigmas
+
+
+def _velocity(first: PoseEstimate, second: PoseEstimate, step_s: float) -> tuple[Array, Array]:
+    """(6,) velocity between two sightings and its standard deviation."""
+    turn = vector_from_rotation(second.pose.rotation @ first.pose.rotation.T)
+    move = second.pose.translation - first.pose.translation
+    noise = np.sqrt(np.diag(first.covariance) + np.diag(second.covariance))
+    return np.concatenate([turn, move]) / step_s, noise / step_s

@@ -1,0 +1,1 @@
+"""The actor's voice becomes thirteen mouth parameters."""

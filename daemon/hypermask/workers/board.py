@@ -1,0 +1,52 @@
+"""The topics of the blackboard: who writes what, in which layout."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hypermask.blackboard import LocalTopic, SharedTopic, Topic
+from hypermask.show.scene import SCENE
+from hypermask.tracking.motion import MOTION
+from hypermask.tracking.paper import POINT_MOTION
+
+TRACK = np.dtype(
+    [
+        ("motion", MOTION),
+        ("points", POINT_MOTION),  # the paper's per-point Kalman filter
+        ("seen_s", "<f8"),  # mid-exposure of the last frame in which the mask was found
+        ("time_s", "<f8"),  # mid-exposure of the last frame
+        ("locked", "?"),
+        ("frames", "<i8"),
+        ("dropped", "<i8"),
+        ("camera_ready", "?"),
+    ]
+)
+MOUTH = np.dtype([("time_s", "<f8"), ("parameters", "<f8", (13,)), ("level_db", "<f8")])
+PACE = np.dtype([("flip_s", "<f8"), ("period_s", "<f8"), ("latch_lead_s", "<f8")])
+
+
+@dataclass(frozen=True)
+class Board:
+    """track: by the tracker; mouth: by the voice; scene: by the show; pace: by the stage."""
+
+    track: Topic
+    mouth: Topic
+    scene: Topic
+    pace: Topic
+
+    @staticmethod
+    def local() -> Board:
+        return Board(LocalTopic(), LocalTopic(), LocalTopic(), LocalTopic())
+
+    @staticmethod
+    def shared(folder: Path) -> Board:
+        """Memory-mapped files in `folder` (on the appliance /run/hypermask)."""
+        return Board(
+            SharedTopic(folder / "track", TRACK),
+            SharedTopic(folder / "mouth", MOUTH),
+            SharedTopic(folder / "scene", SCENE),
+            SharedTopic(folder / "pace", PACE),
+        )

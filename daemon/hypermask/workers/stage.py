@@ -1,0 +1,144 @@
+"""The stage worker: the blackboard in, light on the mask out. It never waits for another worker."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from hypermask.blackboard import Record
+from hypermask.geometry import Array, Pose
+from hypermask.mask import Mask
+from hypermask.show.scene import brightness_at, characters_at, expression_at
+from hypermask.stage.mapping import (
+    Mapping,
+    PlanarCalibration,
+    PlanarMapping,
+    ProCamCalibration,
+    ProCamMapping,
+)
+from hypermask.stage.renderer import DrawItem, StageRenderer
+from hypermask.stage.scene import MaskFade, live_mouth
+from hypermask.tracking.motion import predict as predict_motion
+from hypermask.tracking.paper import predict_points
+from hypermask.workers.board import PACE, Board
+from hypermask.workers.cast import Cast
+
+import moderngl
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What one frame shows. matrix: (3, 4) projector_from_mask, or None for black;
+    measured_s: mid-exposure of the newest measurement that the prediction used."""
+
+    light_s: float
+    matrix: Array | None
+    items: tuple[DrawItem, ...]
+    brightness: float
+    measured_s: float | None
+
+    @property
+    def lead_s(self) -> float | None:
+        """From the measurement to the light, measured, not assumed."""
+        return None if self.measured_s is None else self.light_s - self.measured_s
+
+
+class TrackReader:
+    """Predicts from the newest track record; the mapping asks it at the latch."""
+
+    def __init__(self, board: Board, prediction: str) -> None:
+        self._board = board
+        self._prediction = prediction
+        self.track: Record | None = None
+
+    def refresh(self) -> Record | None:
+        """Latch the newest record for the coming frame."""
+        self.track = self._board.track.latest()
+        return self.track
+
+    def pose(self, time_s: float) -> Pose | None:
+        """camera_from_mask at `time_s`, None before the first measurement."""
+        if self.track is None or not self.track["motion"]["samples"]:
+            return None
+        return predict_motion(self.track["motion"], time_s, self._prediction).pose
+
+    def points(self, time_s: float) -> Array | None:
+        """The five LEDs' image points (5, 2) at `time_s` by the paper's filter."""
+        if self.track is None:
+            return None
+        mode = "off" if self._prediction == "off" else "default"
+        return predict_points(self.track["points"], time_s, mode)
+
+
+def mapping_for(calibration: object, mask: Mask, reader: TrackReader) -> Mapping:
+    """The mapping that belongs to a calibration: planar (paper) or projector matrix (default)."""
+    if hasattr(calibration, "homography"):
+        planar: PlanarCalibration = calibration  # type: ignore[assignment]
+        return PlanarMapping(planar, mask, reader.points)
+    procam: ProCamCalibration = calibration  # type: ignore[assignment]
+    return ProCamMapping(procam, reader.pose)
+
+
+class StageWorker:
+    """Decides at the latch what the coming frame shows, and draws it."""
+
+    def __init__(
+        self,
+        renderer: StageRenderer,
+        cast: Cast,
+        mapping: Mapping,
+        reader: TrackReader,
+        board: Board,
+        period_s: float,
+    ) -> None:
+        self._renderer, self._cast = renderer, cast
+        self._mapping, self._reader, self._board = mapping, reader, board
+        self._fade = MaskFade()
+        self._period_s = period_s
+        self.compute_s: list[float] = []
+
+    def latch(self, now_s: float, light_s: float) -> Picture:
+        """What the frame whose light leaves at `light_s` shows, by all that is known now."""
+        began = time.perf_counter()
+        track, scene = self._reader.refresh(), self._board.scene.latest()
+        seen_s = float(track["seen_s"]) if track is not None else -np.inf
+        visible = self._fade.update(now_s, seen_s if np.isfinite(seen_s) else None)
+        if scene is None or visible <= 0:
+            return Picture(light_s, None, (), 0.0, None)
+        matrix = self._mapping.at(light_s)
+        brightness = brightness_at(scene, light_s) * visible
+        items = self._items(scene, light_s) if matrix is not None and brightness > 0 else ()
+        self.compute_s.append(time.perf_counter() - began)
+        return Picture(light_s, matrix, items, brightness, seen_s)
+
+    def _items(self, scene: Record, light_s: float) -> tuple[DrawItem, ...]:
+        expression, mouth = expression_at(scene, light_s), self._mouth(light_s)
+        return tuple(
+            self._cast.item(name, opacity, expression, mouth, light_s)
+            for name, opacity in characters_at(scene, light_s)
+        )
+
+    def _mouth(self, light_s: float) -> Array:
+        mouth = self._board.mouth.latest()
+        if mouth is None:
+            return np.zeros(13)
+        return live_mouth(mouth["parameters"], light_s - float(mouth["time_s"]))
+
+    def draw(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> None:
+        """Draw the picture; black where there is nothing to draw on."""
+        began = time.perf_counter()
+        if picture.matrix is None or not picture.items:
+            self._renderer.draw_black(framebuffer)
+        else:
+            self._renderer.draw(framebuffer, picture.matrix, picture.items, picture.brightness)
+        if picture.items:
+            self.compute_s.append(time.perf_counter() - began)
+
+    def announce(self, flip_s: float, latch_lead_s: float) -> None:
+        """Publish the pace, from which the tracker puts the camera's frames just before the latch."""
+        record = np.zeros((), PACE)
+        record["flip_s"], record["period_s"] = flip_s, self._period_s
+        record["latch_lead_s"] = latch_lead_s
+        self._board.pace.publish(record)

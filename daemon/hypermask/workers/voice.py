@@ -1,0 +1,44 @@
+"""The voice worker: sound in, the mouth's 13 parameters out."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from hypermask.voice.follower import MouthFollower, MouthFrame
+from hypermask.workers.board import MOUTH, Board
+from hypermask.workers.retry import Kept, Report
+from hypermask_drivers.clock import Clock
+from hypermask_drivers.sound import SoundIn
+
+
+class VoiceWorker:
+    """Owns the microphone; writes `Board.mouth` for every analysed frame."""
+
+    def __init__(self, sound: SoundIn, board: Board, clock: Clock, report: Report) -> None:
+        self._sound = Kept(sound, "sound", clock, report)
+        self._board = board
+        self._follower: MouthFollower | None = None
+        self.compute_s: list[float] = []
+        self.history: list[MouthFrame] = []
+
+    def step(self, timeout_s: float = 0.0) -> bool:
+        """Take one block of sound if there is one; False when there was none."""
+        block = self._sound.use(lambda sound: sound.read(timeout_s))
+        if block is None:
+            return False
+        began = time.perf_counter()
+        if self._follower is None:
+            self._follower = MouthFollower(block.rate_hz)
+        for frame in self._follower.feed(block.samples, block.time_s):
+            self._publish(frame)
+        self.compute_s.append(time.perf_counter() - began)
+        return True
+
+    def _publish(self, frame: MouthFrame) -> None:
+        record = np.zeros((), MOUTH)
+        record["time_s"], record["level_db"] = frame.time_s, frame.level_db
+        record["parameters"] = frame.parameters
+        self._board.mouth.publish(record)
+        self.history.append(frame)

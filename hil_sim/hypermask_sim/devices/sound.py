@@ -1,0 +1,65 @@
+"""The simulated microphone in the mask."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask_drivers.clock import Clock
+from hypermask_drivers.sound import SoundBlock, SoundIn
+from hypermask_sim.devices.base import SimDevice
+from hypermask_sim.world import World
+
+
+class SimSoundIn(SimDevice, SoundIn):
+    """Block k holds the samples from k * block_ms on; it can be read when its last one was heard
+    and `latency.voice_ms` have passed.
+    """
+
+    kind, code, noun = "sound", "SND", "microphone"
+
+    def __init__(self, world: World, clock: Clock) -> None:
+        super().__init__(world, clock)
+        settings = world.scenario.microphone
+        self._settings = settings
+        self._count = max(1, round(settings.rate_hz * settings.block_ms * 1e-3))
+        self._block_s = self._count / settings.rate_hz
+        self._delay_s = self._block_s + world.scenario.latency.voice_ms * 1e-3
+        self._start = round(world.scenario.performer.voice_start_s * settings.rate_hz)
+        self._noise = 10 ** (settings.noise_db / 20)
+        self._next = 0
+        self._overruns = 0
+
+    @property
+    def rate_hz(self) -> float:
+        return float(self._settings.rate_hz)
+
+    def _opened(self, now_s: float) -> None:
+        self._next = max(0, int(np.ceil(now_s / self._block_s - 1e-9)))
+        self._overruns = 0
+
+    def next_block_s(self) -> float:
+        """Clock time at which the next block can be read."""
+        return self.world.origin_s + self._next * self._block_s + self._delay_s
+
+    def read(self, timeout_s: float) -> SoundBlock | None:
+        return self._wait_for(self._take, self.next_block_s, timeout_s)
+
+    def _take(self, now_s: float) -> SoundBlock | None:
+        arrived = int(np.floor((now_s - self._delay_s) / self._block_s + 1e-9))
+        if arrived < self._next:
+            return None
+        # A reader that slept too long loses the oldest blocks, as ALSA's ring buffer does.
+        oldest = arrived - self._settings.buffers + 1
+        if oldest > self._next:
+            self._overruns += oldest - self._next
+            self._next = oldest
+        index, self._next = self._next, self._next + 1
+        time_s = self.world.origin_s + index * self._block_s
+        return SoundBlock(self._samples(index), self.rate_hz, time_s, self._overruns)
+
+    def _samples(self, index: int) -> NDArray[np.float32]:
+        voice = self.world.voice.block(index * self._count - self._start, self._count)
+        random = np.random.default_rng([self.world.scenario.seed, 7, index])
+        noise = random.standard_normal(self._count, dtype=np.float32) * np.float32(self._noise)
+        return np.clip(voice + noise, -1, 1)

@@ -1,0 +1,195 @@
+"""The actor's voice: a WAV file of any common form, or a sentence spoken by espeak-ng."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import shutil
+import struct
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask_drivers.errors import ConfigError, DataError
+
+Samples = NDArray[np.float32]
+
+SPEECH = (
+    "Ladies and gentlemen, welcome to the show. I am nobody in particular, and I may become "
+    "anyone you please. Look closely at my face, and do not believe a word of it."
+)
+_PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
+
+
+@dataclass(frozen=True)
+class Voice:
+    """samples: (n,) float32, full scale 1; note: something the user should know, or ''."""
+
+    samples: Samples
+    rate_hz: int
+    note: str = ""
+
+    def block(self, first: int, count: int) -> Samples:
+        """(count,) samples from number `first` on, silence outside the recording."""
+        block = np.zeros(count, np.float32)
+        start, stop = max(first, 0), min(first + count, len(self.samples))
+        if start < stop:
+            block[start - first : stop - first] = self.samples[start:stop]
+        return block
+
+
+def find_voice(choices: tuple[str, ...], rate_hz: int) -> Voice:
+    """The first of `choices` that is there: "none", "speech" or a WAV file, at `rate_hz`.
+
+    Raises `ConfigError` VOICE-ABSENT and `DataError` VOICE-FORMAT.
+    """
+    for choice in choices:
+        if choice == "none":
+            return Voice(np.zeros(0, np.float32), rate_hz)
+        if choice == "speech":
+            return spoken(SPEECH, rate_hz)
+        if Path(choice).is_file():
+            samples, rate = read_wav(Path(choice))
+            return Voice(resample(samples, rate, rate_hz), rate_hz)
+    raise ConfigError(
+        "VOICE-ABSENT",
+        f"there is no recording '{' or '.join(choices)}'",
+        "Name a WAV file in performer.voice, or 'speech' or 'none'.",
+    )
+
+
+def spoken(text: str, rate_hz: int) -> Voice:
+    """`text` spoken by espeak-ng, kept in the cache; silence and a note where it is missing."""
+    program = shutil.which("espeak-ng")
+    if program is None:
+        silence = np.zeros(0, np.float32)
+        return Voice(silence, rate_hz, "espeak-ng is not installed, so the actor is silent")
+    key = hashlib.sha256(text.encode()).hexdigest()[:16]
+    path = cache_folder() / f"speech-{key}.wav"
+    if not path.is_file():
+        _speak(program, text, path)
+    samples, rate = read_wav(path)
+    return Voice(resample(samples, rate, rate_hz), rate_hz)
+
+
+def _speak(program: str, text: str, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        part = Path(folder) / "speech.wav"
+        command = [program, "-v", "en-us", "-s", "140", "-w", str(part), text]
+        done = subprocess.run(command, capture_output=True, check=False, timeout=60)
+        if done.returncode != 0 or not part.is_file():
+            raise DataError(
+                "VOICE-SPEECH", "espeak-ng could not speak", "Try it by hand, or take a WAV file."
+            )
+        part.replace(path)
+
+
+def cache_folder() -> Path:
+    """HYPERMASK_CACHE, else build/cache of a checkout, else the user's cache folder."""
+    named = os.environ.get("HYPERMASK_CACHE")
+    if named:
+        return Path(named)
+    repository = Path(__file__).resolve().parents[2]
+    if (repository / "configs").is_dir() and os.access(repository, os.W_OK):
+        return repository / "build" / "cache"
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "hypermask"
+
+
+def read_wav(path: Path) -> tuple[Samples, int]:
+    """Mono samples (n,) float32 and the rate in Hz of a RIFF WAV file.
+
+    Integer of 8, 16, 24 or 32 bits, float of 32 or 64, any rate, channels averaged,
+    WAVE_FORMAT_EXTENSIBLE too. Raises `ConfigError` VOICE-ABSENT, `DataError` VOICE-FORMAT.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise ConfigError(
+            "VOICE-ABSENT", f"there is no recording {path}", "Check performer.voice."
+        ) from None
+    except OSError as error:
+        raise _bad(path, f"it cannot be read ({error})") from None
+    chunks = _chunks(path, data)
+    if "fmt " not in chunks or "data" not in chunks or len(chunks["fmt "]) < 16:
+        raise _bad(path, "its format or data chunk is missing")
+    kind, channels, rate, _, align, bits = struct.unpack("<HHIIHH", chunks["fmt "][:16])
+    if kind == _EXTENSIBLE and len(chunks["fmt "]) >= 26:
+        kind = struct.unpack("<H", chunks["fmt "][24:26])[0]
+    if not 1 <= channels <= 64 or not 1000 <= rate <= 768000 or align * 8 != channels * bits:
+        raise _bad(path, f"{channels} channels at {rate} Hz make no sense")
+    body = chunks["data"]
+    samples = _decoded(path, body[: len(body) // align * align], kind, bits)
+    if not len(samples):
+        raise _bad(path, "it holds no sound")
+    if not np.isfinite(samples).all():
+        raise _bad(path, "it holds values that are not numbers")
+    mono = samples.reshape(-1, channels).mean(axis=1)
+    return np.clip(mono, -1, 1).astype(np.float32), rate
+
+
+def _chunks(path: Path, data: bytes) -> dict[str, bytes]:
+    """The RIFF chunks; one that is cut short is taken as far as it goes."""
+    if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
+        raise _bad(path, "it is not a WAV file")
+    chunks: dict[str, bytes] = {}
+    position = 12
+    while position + 8 <= len(data):
+        name = data[position : position + 4].decode("latin-1")
+        size = struct.unpack("<I", data[position + 4 : position + 8])[0]
+        chunks.setdefault(name, data[position + 8 : position + 8 + size])
+        position += 8 + size + size % 2
+    return chunks
+
+
+def _decoded(path: Path, body: bytes, kind: int, bits: int) -> NDArray[np.float64]:
+    if kind == _FLOAT and bits in (32, 64):
+        return np.frombuffer(body, f"<f{bits // 8}").astype(float)
+    if kind == _PCM and bits == 8:
+        return (np.frombuffer(body, np.uint8).astype(float) - 128) / 128
+    if kind == _PCM and bits in (16, 32):
+        return np.frombuffer(body, f"<i{bits // 8}") / 2.0 ** (bits - 1)
+    if kind == _PCM and bits == 24:
+        wide = np.zeros((len(body) // 3, 4), np.uint8)
+        wide[:, 1:] = np.frombuffer(body, np.uint8).reshape(-1, 3)
+        return np.asarray(wide.view("<i4").reshape(-1) / 2.0**31)
+    raise _bad(path, f"{bits}-bit samples of format {kind} are not supported")
+
+
+def _bad(path: Path, why: str) -> DataError:
+    return DataError(
+        "VOICE-FORMAT", f"{path} cannot be used: {why}", "Save it as a 16-bit PCM WAV file."
+    )
+
+
+def resample(samples: Samples, from_hz: int, to_hz: int, zeros: int = 24) -> Samples:
+    """Change the rate with a Kaiser-windowed sinc (about 80 dB down beyond the band).
+
+    zeros: zero crossings of the sinc on each side.
+    """
+    if from_hz == to_hz or not len(samples):
+        return samples
+    divisor = math.gcd(from_hz, to_hz)
+    up, down = to_hz // divisor, from_hz // divisor
+    cutoff = 0.95 * min(1.0, to_hz / from_hz)
+    half = math.ceil(zeros / cutoff)
+    phases = np.arange(up)[:, None] / up
+    taps = np.arange(-half + 1, half + 1)[None, :] - phases
+    window = np.i0(8.0 * np.sqrt(np.maximum(1 - (taps / half) ** 2, 0))) / np.i0(8.0)
+    kernel = (cutoff * np.sinc(cutoff * taps) * window).astype(np.float32)
+    padded = np.pad(samples, half)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half)
+    count = math.ceil(len(samples) * up / down)
+    result = np.empty(count, np.float32)
+    for start in range(0, count, 8192):
+        place = np.arange(start, min(start + 8192, count)) * down
+        result[start : start + 8192] = np.einsum(
+            "nk,nk->n", windows[place // up + 1], kernel[place % up]
+        )
+    return result

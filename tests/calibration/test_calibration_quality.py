@@ -1,0 +1,122 @@
+"""The figure that the operator is told is the error that he gets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration_rig import (
+    CAMERA,
+    MASK,
+    Rig,
+    data_sheet,
+    placements,
+    reference_truth,
+    rms,
+    true_errors_mm,
+    volume,
+)
+
+from hypermask.calibration import Position, assess, planned_positions, solve
+from hypermask.calibration.positions import candidates, fits, information, plan
+from hypermask.geometry import attitude_from_rotation
+
+TRUTH = reference_truth()
+POSITIONS = planned_positions(Rig().cart, "click")
+
+
+def clicked(positions: list[Position], seed: int, sigma: float = 1.0):  # type: ignore[no-untyped-def]
+    random = np.random.default_rng(seed)
+    return placements(TRUTH, positions, lambda: random.normal(0, sigma, (5, 2)))
+
+
+def test_the_working_volume_covers_the_papers_working_range() -> None:
+    poses = volume().poses
+    assert len(poses) == 150
+    depths = [p.translation[2] for p in poses]
+    assert 1.2 <= min(depths) < 1.3 and 2.3 < max(depths) <= 2.4
+    angles = np.degrees([attitude_from_rotation(np.diag([1, -1, -1]) @ p.rotation) for p in poses])
+    assert np.all(np.abs(angles[:, 1]) <= 20.01) and np.all(np.abs(angles[:, 2]) <= 30.01)
+    assert angles[:, 0].min() < -150 and angles[:, 0].max() > 150
+    assert all(fits(p, MASK.leds, CAMERA, TRUTH) for p in poses)
+
+
+def test_the_expected_error_is_that_of_many_repetitions() -> None:
+    """Bootstrap: new clicks drawn about the solution, solved anew, compared with it."""
+    first = solve(clicked(POSITIONS, 1), MASK.leds, data_sheet())
+    told = assess(replace(first, sigma_px=1.0), MASK, CAMERA).expected_mm / first.sigma_px
+    errors = [
+        rms(
+            true_errors_mm(
+                solve(clicked(POSITIONS, s), MASK.leds, data_sheet()).procam, TRUTH, volume()
+            )
+        )
+        for s in range(60)
+    ]
+    assert rms(np.array(errors)) == pytest.approx(told, rel=0.15)
+
+
+def test_a_shaky_operator_is_told_so() -> None:
+    steady, shaky = (
+        assess(solve(clicked(POSITIONS, 5, s), MASK.leds, data_sheet()), MASK, CAMERA)
+        for s in (1.0, 4.0)
+    )
+    assert shaky.sigma_px > 2.5 * steady.sigma_px
+    assert shaky.expected_mm > 2.5 * steady.expected_mm
+    assert steady.grade == "good" and shaky.grade in ("fair", "poor")
+    assert steady.lines()[0].startswith("good: 0.")
+    assert any(line.startswith("add a position ") for line in shaky.lines())
+
+
+def test_the_suggested_position_does_what_it_promises() -> None:
+    few = [POSITIONS[0], POSITIONS[2]]
+    solution = solve(clicked(few, 2), MASK.leds, data_sheet())
+    before = assess(solution, MASK, CAMERA)
+    assert before.add is not None
+    after = assess(solve(clicked([*few, before.add], 2), MASK.leds, data_sheet()), MASK, CAMERA)
+    assert before.add_mm < 0.7 * before.expected_mm
+    assert after.expected_mm == pytest.approx(before.add_mm, rel=0.35)
+
+
+def test_near_clicks_only_make_the_suggestion_a_far_one() -> None:
+    near = [p for p in POSITIONS if p.distance_m < 2.0]
+    quality = assess(solve(clicked(near, 3), MASK.leds, data_sheet()), MASK, CAMERA)
+    assert quality.add is not None and quality.add.distance_m == 2.4
+    assert "2.4 m away" in str(quality.add)
+    errors = [mm for _, mm in quality.by_distance]
+    assert errors == sorted(errors)
+
+
+def test_the_plan_is_spread_in_depth_and_better_than_chance() -> None:
+    assert [p.distance_m for p in POSITIONS] == [1.2, 1.2, 1.8, 1.8, 2.4, 2.4]
+    assert len({(p.x_m, p.y_m, p.distance_m) for p in POSITIONS}) == 6
+    assert any(abs(p.yaw) > 0.2 for p in POSITIONS)
+    weight = volume().weight(TRUTH)
+
+    def error(positions: list[Position]) -> float:
+        known = np.diag([1e-4, 1e-3, 1e-3, 400, 400, 400, 2500, 2500, 2500.0])
+        known += sum(information(p, MASK.leds, TRUTH, 1.0) for p in positions)
+        return float(np.sqrt(np.trace(np.linalg.solve(known, weight))))
+
+    random = np.random.default_rng(0)
+    possible = candidates(MASK.leds, CAMERA, TRUTH)
+    by_chance = [
+        error([possible[i] for i in random.choice(len(possible), 6, replace=False)])
+        for _ in range(50)
+    ]
+    assert error(POSITIONS) < min(by_chance)
+
+
+def test_a_distance_at_which_the_mask_does_not_fit_is_left_out() -> None:
+    weight = volume().weight(TRUTH)
+    found = plan(MASK.leds, CAMERA, TRUTH, weight, (0.3, 1.8), 2)
+    assert [p.distance_m for p in found] == [1.8, 1.8]
+
+
+def test_positions_are_told_in_words() -> None:
+    position = Position(-0.3, -0.5, 1.2, np.radians(20), np.radians(-25), side=-1, level=1)
+    assert str(position) == (
+        "1.2 m away, to the left, high in the picture, nose turned 25° to the left, 20° down"
+    )
+    assert str(Position(0, 0, 2.4)) == "2.4 m away, in the middle"
