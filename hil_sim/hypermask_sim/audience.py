@@ -31,6 +31,7 @@ FOLLOW_S = 0.7  # the eye follows the figure as slowly as a camera operator
 NECK = (0.0, -0.115, -0.085)  # in the mask frame
 FIGURE_DEPTH_M = 0.25  # to either side of the neck
 CURTAIN_BEHIND_M = 1.5
+HOOD_WIDER = 1.2  # than the mask
 EYE_LEVEL_M = 1.62  # of the figure's mask above the floor
 LAMP_GAIN_AT_REST = 0.95
 KEY_LIGHT = (-0.55, 0.75, 0.45)
@@ -97,9 +98,7 @@ class Audience:
     def _build(self) -> None:
         context, mask = self._context, self._world.mask
         self._resources: list[Any] = []
-        self._picture = self._texture(
-            np.zeros((*self._world.projector.size[::-1], 3), np.uint8)
-        )
+        self._picture = self._texture(np.zeros((*self._world.projector.size[::-1], 3), np.uint8))
         self._skin = self._texture(scene.skin(mask))
         self._curtain_paint = self._texture(scene.paint_curtain())
         self._floor_paint = self._texture(scene.paint_floor())
@@ -128,6 +127,8 @@ class Audience:
         outline = mask.settings.outline
         shape = (1 / outline.half_width_m, 1 / outline.half_height_m, outline.exponent)
         self._set(outline=shape, lamp_gain=self._lamp_gain, half_size=mask.half_size_m)
+        # Past the mask the hood round it stops the light as well.
+        backdrop[1]["outline"].value = (shape[0] / HOOD_WIDER, shape[1] / HOOD_WIDER, shape[2])
         self._set(picture=0, skin=1, painting=2)
 
     def _keep(self, resource: Any) -> Any:
@@ -218,7 +219,7 @@ class Audience:
 
     def _view(self, time_s: float) -> tuple[Array, Array]:
         """(eye_from_stage (4, 4), eye (3,)): beside the cart, turned to the figure."""
-        aim = self._followed(time_s, FOLLOW_S) + [0, -0.035, 0]
+        aim = self._followed(time_s, FOLLOW_S) + np.array([0, -0.035, 0])
         eye = np.array([BESIDE_M, self._rest[1] * 0.6 + ABOVE_M, 0.0])
         back = _unit(eye - aim)
         right = _unit(np.cross([0, 1, 0], back))
@@ -260,13 +261,13 @@ class Audience:
         self._draw_figure(boxes)
         self._draw_backdrop(boxes)
         context.enable(moderngl.BLEND)
-        context.blend_equation = moderngl.FUNC_ADD
+        context.blend_equation = (moderngl.FUNC_ADD, moderngl.FUNC_ADD)
         context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         self._face.render()
         context.disable(moderngl.DEPTH_TEST | moderngl.BLEND)
 
     def _draw_backdrop(self, boxes: _Boxes) -> None:
-        origin = self._rest + [0, -EYE_LEVEL_M, -CURTAIN_BEHIND_M]
+        origin = self._rest + np.array([0, -EYE_LEVEL_M, -CURTAIN_BEHIND_M])
         place = _rigid(np.eye(3), origin)
         self._set(mask_from_model=self._mask_from_stage @ place)
         if self._sees_floor(origin):
@@ -281,7 +282,7 @@ class Audience:
         self._rim.render()
         self._context.front_face = "cw"  # they are ccw, but the view is drawn upside down
         self._context.enable(moderngl.CULL_FACE)
-        self._set(albedo=(0.060, 0.058, 0.066))
+        self._set(albedo=(0.105, 0.100, 0.112))
         self._hood.render()
         self._within(boxes.figure, self._hood_lit)
         neck = _rigid(np.eye(3), self._neck)

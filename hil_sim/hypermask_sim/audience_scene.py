@@ -39,7 +39,7 @@ def _grid_triangles(rows: int, columns: int) -> NDArray[np.int32]:
 
 
 def _smooth_mesh(points: Array) -> Mesh:
-    """A (rows, columns, 3) sheet with the normals of its bends; anti-clockwise seen from outside."""
+    """A (rows, columns, 3) sheet with its normals; anti-clockwise seen from outside."""
     along, across = np.gradient(points, axis=0), np.gradient(points, axis=1)
     normals = np.cross(along, across)
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
@@ -134,7 +134,9 @@ def cloak() -> Mesh:
     depth = cv2.GaussianBlur(np.interp(drop, down, deep)[None], (5, 1), 1.0)[0]
     grown = np.clip((drop + 0.05) / 0.35, 0, 1)
     fold = 0.055 * np.sin(8 * angle + 0.8 * np.sin(angle)) + 0.025 * np.sin(19 * angle + 1.3)
-    stretch = 1 + np.outer(grown, fold) + 0.012 * np.sin(drop / 0.021)[:, None] * (1 - grown)[:, None]
+    stretch = (
+        1 + np.outer(grown, fold) + 0.012 * np.sin(drop / 0.021)[:, None] * (1 - grown)[:, None]
+    )
     x = width[:, None] * np.cos(angle) * stretch
     z = depth[:, None] * np.sin(angle) * stretch - 0.01
     y = np.broadcast_to(-drop[:, None], x.shape)
@@ -164,7 +166,9 @@ def paint_curtain() -> NDArray[np.uint8]:
     x = np.linspace(0, 1, columns)[None, :] * CURTAIN_SIZE_M[0]
     y = np.linspace(1, 0, rows)[:, None] * CURTAIN_SIZE_M[1]
     sway = 0.02 * np.sin(1.3 * y + 0.7) + 0.008 * np.sin(4.1 * y)
-    phase = 2 * np.pi * (x + sway) / 0.23 + 1.1 * np.sin(2 * np.pi * x / 1.1) + 0.5 * np.sin(5.3 * x)
+    phase = (
+        2 * np.pi * (x + sway) / 0.23 + 1.1 * np.sin(2 * np.pi * x / 1.1) + 0.5 * np.sin(5.3 * x)
+    )
     fold = 0.5 + 0.5 * np.sin(phase + 0.7 * np.sin(phase))
     fine = 0.5 + 0.5 * np.sin(2.7 * phase + 1.0)
     cloth = 0.10 + 0.75 * fold**1.7 + 0.15 * fine * fold
@@ -175,7 +179,8 @@ def paint_curtain() -> NDArray[np.uint8]:
     colour += 0.0016 * np.array([0.6, 0.7, 1.2]) * (0.4 + fold[..., None])
     colour = cv2.GaussianBlur(colour, (0, 0), 2.2)
     noise = rng.uniform(-0.5, 0.5, colour.shape)
-    return np.clip(np.sqrt(colour) * 255 + noise + 0.5, 0, 255).astype(np.uint8)
+    painted = np.clip(np.sqrt(colour) * 255 + noise + 0.5, 0, 255)
+    return np.asarray(painted, np.uint8)
 
 
 def paint_floor() -> NDArray[np.uint8]:
@@ -189,4 +194,4 @@ def paint_floor() -> NDArray[np.uint8]:
     pool = np.exp(-(((x - CURTAIN_SIZE_M[0] / 2) / 1.2) ** 2) - ((z - 1.6) / 1.2) ** 2)
     light = (0.15 + pool) * tone * (1 - 0.8 * gap)
     colour = light[..., None] * np.array([0.018, 0.012, 0.009])
-    return np.clip(np.sqrt(colour) * 255 + 0.5, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.sqrt(colour) * 255 + 0.5, 0, 255), np.uint8)

@@ -66,9 +66,12 @@ void main() {
 """
 )
 
-DEPTH_FRAGMENT = _HEADER + """
+DEPTH_FRAGMENT = (
+    _HEADER
+    + """
 void main() {}
 """
+)
 
 FACE_FRAGMENT = (
     _HEADER

@@ -22,7 +22,7 @@ from hypermask_sim.faults import chance
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
-_AZIMUTHS = 720
+_AZIMUTHS = 360
 _REACH = 4.0  # standard deviations of a spot that are drawn
 _LONGEST_SMEAR_PX = 50.0
 _MARGIN = 256  # how far the noise picture can be shifted
@@ -130,13 +130,13 @@ def patches_of(spots: Spots) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
 class Horizon:
     """How high the mask's own relief stands round each LED, by azimuth.
 
-    Made once by walking outwards from each LED over the relief in millimetre steps; whether the
+    Made once by walking outwards from each LED over the relief in small steps; whether the
     camera sees the LED is then one comparison.
     """
 
     def __init__(self, mask: Mask) -> None:
         azimuths = np.arange(_AZIMUTHS) * 2 * np.pi / _AZIMUTHS
-        steps = np.arange(1.0, 300.0) * 1e-3
+        steps = np.arange(1.0, 300.0, 1.5) * 1e-3
         outwards = np.stack([np.cos(azimuths), np.sin(azimuths)], axis=1)
         half_width, half_height = mask.half_size_m
         self._tangents = np.empty((len(mask.leds), _AZIMUTHS))

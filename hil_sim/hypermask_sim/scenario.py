@@ -3,7 +3,7 @@
 `extends = "other.toml"` takes the other file's tables and changes them key by key (a list replaces
 the other's list). Paths are looked for beside the file that states them, then in the current
 folder. `load_scenario` is the only way in for files; `Scenario()` alone is the reference cart with
-a still mask.
+a still mask and no reflections.
 """
 
 from __future__ import annotations
@@ -15,14 +15,12 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from hypermask_drivers.errors import ConfigError
 from hypermask_drivers.keypad import KEYS
-from hypermask_drivers.mask import LED_NAMES
 from hypermask_drivers.settings import Settings, override, parse, read_toml
+from hypermask_sim.faults import FaultSettings as FaultSettings
+from hypermask_sim.faults import Milliseconds, Seconds
 
-Vector = tuple[float, float, float]
 Metres = Annotated[float, Field(ge=-20, le=20)]
 Position = tuple[Metres, Metres, Metres]
-Seconds = Annotated[float, Field(ge=0, le=86400)]
-Milliseconds = Annotated[float, Field(ge=0, le=1000)]
 
 
 def _as_tuple(value: object) -> object:
@@ -186,57 +184,6 @@ class CalibrationSettings(Settings):
 
 class StageSettings(Settings):
     brightness_limit: float = Field(1.0, ge=0, le=1)
-
-
-_FAULT_KEYS: dict[str, frozenset[str]] = {
-    "leds_hidden": frozenset({"leds"}),
-    "extra_blobs": frozenset({"count", "peak"}),
-    "flash": frozenset({"level"}),
-    "frames_dropped": frozenset({"fraction", "frames"}),
-    "frames_late": frozenset({"fraction", "frames", "delay_ms"}),
-    "camera_lost": frozenset(),
-    "projector_lost": frozenset(),
-    "keypad_unplugged": frozenset(),
-    "sound_lost": frozenset(),
-    "pantilt_lost": frozenset(),
-    "lamp_lost": frozenset(),
-    "power_lost": frozenset(),
-}
-
-
-class FaultSettings(Settings):
-    """Something that goes wrong from `from_s` until `to_s`.
-
-    leds: names, all without it. fraction: of the frames in that time; frames: their sequence
-    numbers instead. delay_ms: how much later the frame arrives. level: grey levels added.
-    """
-
-    kind: Literal[
-        "leds_hidden", "extra_blobs", "flash", "frames_dropped", "frames_late", "camera_lost",
-        "projector_lost", "keypad_unplugged", "sound_lost", "pantilt_lost", "lamp_lost",
-        "power_lost",
-    ]  # fmt: skip
-    from_s: Seconds = 0.0
-    to_s: Seconds = 86400.0
-    leds: tuple[str, ...] = LED_NAMES
-    count: int = Field(10, ge=1, le=200)
-    peak: float = Field(200.0, gt=0, le=10000)
-    level: float = Field(255.0, ge=0, le=255)
-    fraction: float = Field(1.0, ge=0, le=1)
-    frames: tuple[int, ...] | None = None
-    delay_ms: Milliseconds = 8.0
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> FaultSettings:
-        extra = self.model_fields_set - {"kind", "from_s", "to_s"} - _FAULT_KEYS[self.kind]
-        if extra:
-            raise ValueError(f"'{sorted(extra)[0]}' means nothing for a {self.kind} fault")
-        if self.to_s <= self.from_s:
-            raise ValueError("to_s must be later than from_s")
-        unknown = set(self.leds) - set(LED_NAMES)
-        if unknown:
-            raise ValueError(f"no LED '{sorted(unknown)[0]}'; they are {', '.join(LED_NAMES)}")
-        return self
 
 
 class Scenario(Settings):

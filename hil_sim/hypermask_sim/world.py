@@ -72,7 +72,8 @@ def _project(matrix: Array, points: Array) -> Array:
 class World:
     """A scenario and everything that follows from it.
 
-    Raises at once what a scenario's files can be blamed for: MASK-*, MOTION-*, VOICE-*.
+    Raises at once what the mask's and the motion's files can be blamed for (MASK-*, MOTION-*);
+    the recording (VOICE-*) is read when it is first asked for.
     """
 
     def __init__(self, scenario: Scenario, origin_s: float = 0.0) -> None:

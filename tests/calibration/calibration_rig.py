@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -101,6 +102,7 @@ class Rig:
         return [self.sighting() for _ in range(20)]
 
 
+@cache
 def volume() -> WorkingVolume:
     return working_volume(MASK, CAMERA, reference_truth())
 

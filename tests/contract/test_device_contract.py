@@ -35,12 +35,13 @@ def test_every_kind_of_device_has_a_contract() -> None:
 
 def test_opens_and_closes(case: tuple[str, Rig]) -> None:
     kind, rig = case
-    assert rig.device.state is DeviceState.ABSENT
+    states = [rig.device.state]
     rig.device.open()
-    assert rig.device.state is DeviceState.READY
+    states.append(rig.device.state)
     use(kind, rig.device)
     rig.device.close()
-    assert rig.device.state is DeviceState.ABSENT
+    states.append(rig.device.state)
+    assert states == [DeviceState.ABSENT, DeviceState.READY, DeviceState.ABSENT]
 
 
 def test_close_never_raises(case: tuple[str, Rig]) -> None:

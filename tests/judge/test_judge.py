@@ -42,9 +42,10 @@ class World:
     rotation: Array
     translation: Array
     projector: Optics = field(default_factory=Optics)
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
 
     def camera_from_mask(self, time_s: float) -> tuple[Array, Array]:
-        return self.rotation, self.translation
+        return self.rotation, self.translation + self.velocity * time_s
 
     def projector_from_mask(self) -> tuple[Array, Array]:
         optics = self.projector
@@ -180,6 +181,14 @@ def test_a_mask_moved_aside_is_reported(mask: Mask, dots: Dots, front: Picture) 
     assert offset(frame)[0] == pytest.approx(-5.0, abs=0.1)
     # A flank that leans along the line of light is hit further along it, so 5 mm can grow.
     assert frame.rms_mm == pytest.approx(5.0, abs=0.25)
+
+
+def test_the_place_at_the_time_of_the_light_counts(mask: Mask, dots: Dots, front: Picture) -> None:
+    moving = replace(world(mask), velocity=np.array([0.0, 0.5, 0.0]))
+    late = [offset(Judge(moving, dots).examine(front, time_s))[1] for time_s in (0.0, 0.008, 0.02)]
+    # The camera's y axis points down, the mask's up: what stays behind lands higher up.
+    assert late == pytest.approx([0.0, 4.0, 10.0], abs=0.6)
+    assert late[2] == pytest.approx(2.5 * late[1], rel=0.02)
 
 
 def test_a_turn_is_reported_as_the_relief_demands(mask: Mask, dots: Dots, front: Picture) -> None:

@@ -40,15 +40,30 @@ def test_a_cue_in_the_middle_of_a_fade_starts_from_what_is_seen(engine: ShowEngi
 
 def test_characters_cross_fade_and_their_opacities_sum_to_one(engine: ShowEngine) -> None:
     engine.press("star", 0.0)
-    (old, old_opacity), (new, new_opacity) = characters_at(engine.scene, 0.4)
-    assert (old, new) == ("mean", "noh")
-    assert old_opacity + new_opacity == pytest.approx(1.0)
+    assert dict(characters_at(engine.scene, 0.4)) == pytest.approx({"noh": 0.5, "mean": 0.5})
     assert characters_at(engine.scene, 0.8) == [("noh", 1.0)]
+
+
+def test_a_cross_fade_that_interrupts_another_starts_from_what_is_seen(engine: ShowEngine) -> None:
+    engine.press("star", 0.0)
+    before = dict(characters_at(engine.scene, 0.4))
+    engine.press("star", 0.4)
+    assert dict(characters_at(engine.scene, 0.4)) == pytest.approx(before)
+    middle = dict(characters_at(engine.scene, 0.8))
+    assert middle == pytest.approx({"kabuki": 0.5, "mean": 0.25, "noh": 0.25})
+    assert characters_at(engine.scene, 1.2) == [("kabuki", 1.0)]
+
+
+def test_many_quick_character_keys_never_lose_light(engine: ShowEngine) -> None:
+    for press in range(12):
+        engine.press("star", 0.05 * press)
+        opacities = [opacity for _, opacity in characters_at(engine.scene, 0.05 * press + 0.02)]
+        assert sum(opacities) == pytest.approx(1.0)
 
 
 def test_previous_of_the_first_character_is_the_last(engine: ShowEngine) -> None:
     engine.press("slash", 0.0)
-    assert characters_at(engine.scene, 5.0) == [("demon", 1.0)]
+    assert characters_at(engine.scene, 5.0) == [("clown", 1.0)]
 
 
 def test_blackout_and_back_restores_the_brightness(engine: ShowEngine) -> None:

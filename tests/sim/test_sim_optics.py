@@ -28,7 +28,9 @@ def centroid(image: NDArray[np.uint8], x: float, y: float, level: float, reach: 
     left, top = round(x) - reach, round(y) - reach
     window = image[top : top + 2 * reach + 1, left : left + 2 * reach + 1].astype(float) - level
     rows, columns = np.mgrid[: window.shape[0], : window.shape[1]]
-    return np.array([(window * columns).sum(), (window * rows).sum()]) / window.sum() + [left, top]
+    moments = np.array([(window * columns).sum(), (window * rows).sum()])
+    place: Array = moments / window.sum() + [left, top]
+    return place
 
 
 def test_a_spot_is_where_it_was_put_to_a_hundredth_of_a_pixel() -> None:

@@ -31,8 +31,8 @@ def encoded(samples: np.ndarray, bits: int, kind: int) -> bytes:
         return np.round(samples * 127 + 128).astype(np.uint8).tobytes()
     whole = np.round(samples * (2 ** (bits - 1) - 1)).astype("<i4")
     if bits == 24:
-        return whole.view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
-    return whole.astype(f"<i{bits // 8}").tobytes()
+        return bytes(whole.view(np.uint8).reshape(-1, 4)[:, :3].tobytes())
+    return bytes(whole.astype(f"<i{bits // 8}").tobytes())
 
 
 def wav(

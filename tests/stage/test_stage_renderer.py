@@ -346,8 +346,10 @@ def test_numbers_that_are_not_finite_give_black_and_one_error(theatre, what):
 
 def test_unknown_actors_and_wrong_meshes_are_refused(theatre):
     item = theatre.load("white", plain((255, 255, 255)))
+    theatre.show(procam(), [item])
     with pytest.raises(DataError, match="STAGE-KEY"):
         theatre.show(procam(), [DrawItem("nobody", item.positions)])
+    assert theatre.projector.read_picture().max() == 0  # never a frozen face
     with pytest.raises(DataError, match="STAGE-MESH"):
         theatre.show(procam(), [DrawItem("white", (item.positions[0][:-1],))])
     theatre.renderer.unload("white")

@@ -1,6 +1,7 @@
 """What is not seen or heard any more leaves the stage, without a flash on the way back."""
 
 import numpy as np
+import pytest
 
 from hypermask.stage.scene import MaskFade, live_mouth, smoothstep
 
@@ -29,6 +30,16 @@ def test_lost_for_150_ms_it_fades_and_is_black_250_ms_later():
     fading = level[(times > 1.15) & (times < 1.3)]
     assert (np.diff(fading) < 0).all() and fading[1] > 0.5
     assert (level[times >= 1.40] == 0).all()
+
+
+def test_a_slow_stage_does_not_fade_faster():
+    """Only the time since the loss became sure counts, not the whole time between two frames."""
+    fade = MaskFade()
+    for time_s in (0.0, 1.0):
+        fade.update(time_s, time_s)
+    assert fade.update(1.14, 1.0) == 1
+    assert fade.update(1.16, 1.0) > 0.97
+    assert fade.update(1.25, 1.0) == pytest.approx(0.5)
 
 
 def test_back_in_60_ms_without_a_flash():

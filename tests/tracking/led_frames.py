@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from hypermask.geometry import FACING, Pinhole, Pose, rotation_from_attitude
 
 LEDS = np.array(

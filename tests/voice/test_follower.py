@@ -66,6 +66,11 @@ def test_steady_noise_of_the_stage_leaves_the_mouth_shut(level_db):
     assert opening(during(frames, 1.0, 3.0)).max() < 0.1
 
 
+def test_noise_that_sets_in_is_learnt_in_seconds():
+    frames = follow(np.r_[noise(1.0, -60), noise(4.0, -25, slope=0.5, seed=1)])
+    assert opening(during(frames, 4.3, 5.0)).max() < 0.1
+
+
 def test_a_voice_is_followed_above_noise():
     sound = noise(3.0, -45)
     sound[32_000:40_000] += spoken("a", 0.5, level_db=-20)
@@ -183,7 +188,7 @@ def test_broken_samples_do_no_harm(broken):
     rubbish = np.full(8000, broken, np.float32)
     frames = follower.feed(rubbish, 0.3)
     frames += follower.feed(np.concatenate([silence(0.3), spoken("a", 0.4)]), 0.8)
-    assert all(np.isfinite(frame.parameters).all() for frame in frames)
+    assert all(np.isfinite([*frame.parameters, frame.level_db]).all() for frame in frames)
     assert opening(during(frames, 0.6, 0.78)).max() < 0.01
     assert opening(during(frames, 1.25, 1.45)).min() > 0.3
 

@@ -48,6 +48,11 @@ def test_cepstrum_of_a_single_pole_is_known_in_closed_form():
     np.testing.assert_allclose(lpc.lpc_to_cepstrum(polynomial)[0], 0.9**order / order, atol=1e-14)
 
 
+def test_the_window_is_hamming():
+    n = np.arange(512)
+    np.testing.assert_allclose(lpc.window(), 0.54 - 0.46 * np.cos(2 * np.pi * n / 511))
+
+
 def test_levinson_durbin_solves_the_normal_equations():
     correlation = lpc.autocorrelation(frames_of_speech() * lpc.window())
     polynomials, power = lpc.levinson_durbin(correlation)

@@ -42,6 +42,14 @@ def test_vowels_that_are_none_of_the_five_are_left_out(tmp_path):
     assert evaluate(table(tmp_path, HEAD + rows))["recordings"] == 1
 
 
+@needs_data
+@pytest.mark.parametrize(("vowels", "count"), [(("eh", "ei"), 1), (("ei",), 1), (("eh", "iy"), 2)])
+def test_the_glide_stands_for_e_only_where_the_steady_vowel_is_absent(tmp_path, vowels, count):
+    (tmp_path / "wav").symlink_to(DATA / "vowels" / "wav")
+    rows = [f"wav/b01{vowel}.wav,b01,b,{vowel},89,273" for vowel in vowels]
+    assert evaluate(table(tmp_path, HEAD + "\n".join(rows)))["recordings"] == count
+
+
 def test_an_unknown_model():
     with pytest.raises(UsageError, match=r"VOICE-MODEL.*default"):
         evaluate(Path("any.csv"), "best")

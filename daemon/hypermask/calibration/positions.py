@@ -11,6 +11,8 @@ from hypermask.calibration.parameters import PARAMETERS, ProCam, ProjectorPrior,
 from hypermask.geometry import FACING, Array, Pinhole, Pose, rotation_from_attitude
 
 MARGIN_PX = 10.0
+PLACING_M = 0.03
+"""How far beside a position a person puts the mask; its LEDs must still be in the picture."""
 YAWS_DEG = (-25.0, 0.0, 25.0)
 PITCHES_DEG = (0.0, 20.0)
 DISTANCES_M = (1.2, 1.8, 2.4)
@@ -74,18 +76,47 @@ def position_at(
     )
 
 
+def recentred(position: Position, planned_for: ProCam, known: ProCam) -> Position:
+    """The same place in the picture, now that the projector is better known than when planned."""
+    centre = planned_for.project([position.x_m, position.y_m, position.distance_m])
+    pixel = (float(centre[0]), float(centre[1]))
+    return position_at(known, pixel, position.distance_m, position.pitch, position.yaw)
+
+
+def central_first(positions: Sequence[Position], procam: ProCam) -> list[Position]:
+    """The one nearest the picture's middle first: a wrong data sheet can push those at the edge
+    out of the picture, and the first clicks mend the data sheet."""
+    if not positions:
+        return []
+    middle = np.array(procam.projector.size) / 2
+
+    def off_centre(position: Position) -> float:
+        centre = procam.project([position.x_m, position.y_m, position.distance_m])
+        return float(np.linalg.norm(centre - middle))
+
+    first = min(positions, key=off_centre)
+    return [first, *(p for p in positions if p is not first)]
+
+
 def _third(fraction: float) -> int:
     return -1 if fraction < 0.4 else (1 if fraction > 0.6 else 0)
 
 
-def fits(pose: Pose, leds: Array, camera: Pinhole, procam: ProCam) -> bool:
-    """Whether all LEDs lie in the camera's and in the projector's picture."""
+def fits(pose: Pose, leds: Array, *pinholes: tuple[Pinhole, Pose], placing_m: float = 0.0) -> bool:
+    """Whether all LEDs lie in the picture of each (pinhole, its pose from the camera frame), also
+    when the mask is `placing_m` beside `pose`."""
     points = pose.apply(leds)
-    seen = camera.project(points), procam.project(points)
-    return all(
-        bool(np.all((image > MARGIN_PX) & (image < np.array(size) - MARGIN_PX)))
-        for image, size in zip(seen, (camera.size, procam.projector.size), strict=True)
-    )
+    for pinhole, from_camera in pinholes:
+        image = pinhole.project(from_camera.apply(points))
+        margin = MARGIN_PX + placing_m * pinhole.matrix[0, 0] / pose.translation[2]
+        if not np.all((image > margin) & (image < np.array(pinhole.size) - margin)):
+            return False
+    return True
+
+
+def eyes(camera: Pinhole, procam: ProCam) -> tuple[tuple[Pinhole, Pose], tuple[Pinhole, Pose]]:
+    """Camera and projector as `fits` takes them."""
+    return (camera, Pose.identity()), (procam.projector, procam.projector_from_camera)
 
 
 def candidates(
@@ -93,16 +124,17 @@ def candidates(
 ) -> list[Position]:
     """Positions a person can set up: a grid over the picture, nose turned and lowered."""
     width, height = procam.projector.size
-    found = []
+    both, found = eyes(camera, procam), []
     for distance in distances_m:
-        for u in np.linspace(0.08, 0.92, 7) * width:
-            for v in np.linspace(0.1, 0.9, 5) * height:
+        for u in np.linspace(0.08, 0.92, 9) * width:
+            for v in np.linspace(0.1, 0.9, 7) * height:
                 for pitch in np.radians(PITCHES_DEG):
                     for yaw in np.radians(YAWS_DEG):
                         position = position_at(
                             procam, (float(u), float(v)), distance, float(pitch), float(yaw)
                         )
-                        if fits(position.camera_from_mask(), leds, camera, procam):
+                        pose = position.camera_from_mask()
+                        if fits(pose, leds, *both, placing_m=PLACING_M):
                             found.append(position)
     return found
 

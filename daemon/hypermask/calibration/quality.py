@@ -19,7 +19,7 @@ from hypermask.calibration.parameters import (
     parameter_jacobian,
     point_jacobian,
 )
-from hypermask.calibration.positions import Position, best, candidates, fits, information
+from hypermask.calibration.positions import Position, best, candidates, eyes, fits, information
 from hypermask.calibration.procam import Solution
 from hypermask.geometry import FACING, Array, Pinhole, Pose, rotation_from_attitude
 from hypermask.mask import Mask
@@ -74,7 +74,7 @@ def working_volume(
     poses: list[Pose] = []
     for _ in range(50 * count):
         pose = _random_pose(rng, procam, distances_m)
-        if fits(pose, mask.leds, camera, procam):
+        if fits(pose, mask.leds, *eyes(camera, procam)):
             poses.append(pose)
         if len(poses) == count:
             break

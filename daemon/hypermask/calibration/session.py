@@ -16,24 +16,23 @@ from typing import Any
 import numpy as np
 
 from hypermask.calibration import records, words
+from hypermask.calibration.clicking import NUDGES, STEPS_PX, Clicking
 from hypermask.calibration.outcome import METHODS, Cart, Method, Outcome, conclude
+from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.placements import Placement
 from hypermask.calibration.planar import CORNERS
-from hypermask.calibration.positions import Position, plan, position_at
+from hypermask.calibration.planned import method_is_planar, planned_positions
+from hypermask.calibration.positions import Position, fits, recentred
 from hypermask.calibration.procam import fit
-from hypermask.calibration.quality import working_volume
 from hypermask.calibration.still import Sighting, Stillness, average
 from hypermask.errors import DataError, HypermaskError
-from hypermask.geometry import Array
+from hypermask.geometry import Pose
 from hypermask.mask import LED_NAMES
 
-STEPS_PX = (32, 8, 1)
+__all__ = ["LEAST_FRAMES", "STEPS_PX", "Phase", "Session", "View", "planned_positions"]
+
 LEAST_FRAMES = 8
 UNSEEN_S = 0.5
-NUDGES = {
-    "8": (0, -1), "2": (0, 1), "4": (-1, 0), "6": (1, 0),
-    "7": (-1, -1), "9": (1, -1), "1": (-1, 1), "3": (1, 1),
-}  # fmt: skip
 
 
 class Phase(Enum):
@@ -56,28 +55,6 @@ class View:
     lines: tuple[str, ...]
 
 
-def planned_positions(
-    cart: Cart, method: Method, poses_per_distance: int = 2, distance_m: float | None = None
-) -> list[Position]:
-    """Click: the best spread positions at the cart's distances. Planar: one, facing, in the
-    middle of the picture at `distance_m` (default: the middle working distance)."""
-    if method == "click":
-        volume = working_volume(cart.mask, cart.camera, cart.nominal).weight(cart.nominal)
-        return plan(
-            cart.mask.leds,
-            cart.camera,
-            cart.nominal,
-            volume,
-            cart.distances_m,
-            poses_per_distance,
-            cart.prior,
-        )
-    width, height = cart.nominal.projector.size
-    distances = sorted(cart.distances_m)
-    distance = distance_m if distance_m is not None else distances[len(distances) // 2]
-    return [position_at(cart.nominal, (width / 2, height / 2), distance)]
-
-
 class Session:
     """Feed `sighting` and `key`; show `view()`; when `phase` is DONE read `outcome`."""
 
@@ -98,13 +75,11 @@ class Session:
         self._latest: Sighting | None = None
         self._now = 0.0
         self._seen_at = 0.0
-        self._pixels = _no_clicks()
-        self._order: list[int] = []  # LEDs clicked or skipped at this position, in order
-        self._before: set[int] = set()  # LEDs clicked here before the mask moved
-        self._cross_hair = (0, 0)
-        self._step = 0
+        count = CORNERS if method_is_planar(method) else len(LED_NAMES)
+        self._clicks = Clicking(cart.nominal.projector.size, range(count))
         self._note = ""
         self._undo_armed = False
+        self._asked: tuple[tuple[int, int], Position] | None = None
         self._problem: HypermaskError | None = None
 
     # ---- inputs
@@ -158,22 +133,22 @@ class Session:
         clicking = self.phase is Phase.CLICK
         return View(
             self.phase,
-            self._cross_hair if clicking else None,
-            STEPS_PX[self._step],
-            self._led if clicking else None,
-            self.positions[len(self.ends)] if self.phase is Phase.PLACE else None,
+            self._clicks.cross_hair if clicking else None,
+            self._clicks.step_px,
+            self._clicks.led if clicking else None,
+            self._target if self.phase is Phase.PLACE else None,
             tuple(line for line in (self._note, *self._lines()) if line),
         )
 
     def snapshot(self) -> dict[str, Any]:
         """Everything clicked so far, as a table for `storage.save_progress`."""
-        pending = [self._placement()] if self._pending else []
+        pending = [self._placement()] if self._clicks.pending else []
         return {
             "method": self.method,
             "positions": [records.position_table(p) for p in self.positions],
             "placements": [records.placement_table(p) for p in [*self.placements, *pending]],
             "ends": self.ends,
-            "done_here": sorted(self._before | set(self._order)),
+            "done_here": sorted(self._clicks.before.union(self._clicks.order)),
             "key_presses": self.key_presses,
         }
 
@@ -191,19 +166,37 @@ class Session:
             session = cls(cart, snapshot["method"], positions)
             session.placements = [records.placement_from(t) for t in snapshot["placements"]]
             session.ends = [int(n) for n in snapshot["ends"]]
-            session._before = {int(n) for n in snapshot["done_here"]}
+            session._clicks.before = {int(n) for n in snapshot["done_here"]}
             session.key_presses = int(snapshot["key_presses"])
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(
                 "CAL-READ", f"the interrupted calibration is damaged ({error})", "Start it anew."
             ) from error
         if method_is_planar(session.method):
-            session._before.clear()  # its four corners must share one pose
+            session._clicks.before.clear()  # its four corners must share one pose
         if len(session.ends) >= len(positions):
             session._review()
         return session
 
     # ---- placing
+
+    @property
+    def _target(self) -> Position:
+        """The position asked for, moved to where the clicks so far say its pixels are."""
+        planned = self.positions[len(self.ends)]
+        if not self.placements or method_is_planar(self.method):
+            return planned
+        key = (len(self.ends), len(self.placements))
+        if self._asked is None or self._asked[0] != key:
+            better = recentred(planned, self.cart.nominal, self._fitted(self.placements))
+            pose, cart = better.camera_from_mask(), self.cart
+            seen = fits(pose, cart.mask.leds, (cart.camera, Pose.identity()))
+            self._asked = (key, better if seen else planned)
+        return self._asked[1]
+
+    def _fitted(self, made: Sequence[Placement]) -> ProCam:
+        cart = self.cart
+        return fit(made, cart.mask.leds, cart.nominal, cart.prior, cart.sigma_px).procam
 
     def _place_key(self, key: str, armed: bool) -> None:
         if key == "enter":
@@ -228,7 +221,7 @@ class Session:
     def _finish_position(self, note: str) -> None:
         self._keep()
         self.ends.append(len(self.placements))
-        self._before.clear()
+        self._clicks.before.clear()
         self._note = note
         self._still.restart()
         if len(self.ends) >= len(self.positions):
@@ -246,43 +239,25 @@ class Session:
         else:
             self.ends.pop()
             del self.placements[self.ends[-1] if self.ends else 0 :]
-            self._before.clear()
+            self._clicks.before.clear()
             self.phase = Phase.PLACE
 
     # ---- clicking
 
-    @property
-    def _leds(self) -> range:
-        return range(CORNERS if method_is_planar(self.method) else len(LED_NAMES))
-
-    @property
-    def _led(self) -> int | None:
-        left = [led for led in self._leds if led not in self._before | set(self._order)]
-        return left[0] if left else None
-
-    @property
-    def _pending(self) -> bool:
-        return bool(np.isfinite(self._pixels).any())
-
     def _click_key(self, key: str) -> None:
         if key in NUDGES:
-            self._nudge(*NUDGES[key])
+            self._clicks.nudge(*NUDGES[key])
         elif key == "5":
-            self._step = (self._step + 1) % len(STEPS_PX)
+            self._clicks.next_step()
         elif key == "enter":
             self._accept()
         elif key == "0":
-            self._next_led(None)
+            self._next_led(False)
         elif key == "backspace":
             self._undo_click()
         elif key == "star":
             self._keep()
             self._review()
-
-    def _nudge(self, right: int, down: int) -> None:
-        step = STEPS_PX[self._step]
-        x, y = self._cross_hair
-        self._cross_hair = self._inside(x + right * step, y + down * step)
 
     def _accept(self) -> None:
         if not self._seen():
@@ -290,35 +265,29 @@ class Session:
         elif len(self._still.sightings) < LEAST_FRAMES:
             self._note = "Hold the mask still, then press enter again."
         else:
-            self._next_led(self._cross_hair)
+            self._next_led(True)
 
-    def _next_led(self, pixel: tuple[int, int] | None) -> None:
-        led = self._led
-        if led is None:
-            return
-        if pixel is not None:
-            self._pixels[led] = pixel
-        self._order.append(led)
-        if self._led is None:
+    def _next_led(self, accepted: bool) -> None:
+        self._clicks.take(accepted)
+        if self._clicks.led is None:
             self._finish_position("")
         else:
             self._aim()
 
     def _undo_click(self) -> None:
         """Back to the LED before, its cross-hair where it was; then back to placing the mask."""
-        if not self._order:
+        if not self._clicks.order:
             self.phase = Phase.PLACE
             return
-        led = self._order.pop()
-        back, self._pixels[led] = self._pixels[led].copy(), np.nan
+        back = self._clicks.take_back()
         self._aim()
-        if np.isfinite(back).all():
-            self._cross_hair = self._inside(*back)
+        if back is not None:
+            self._clicks.put(*back)
 
     def _moved(self) -> None:
         """The mask moved while clicking: the clicks made stay with the pose they were made at."""
         if self.phase is Phase.CLICK:
-            kept = len(self._order)
+            kept = len(self._clicks.order)
             self._note = f"The mask moved by {self._still.moved_m * 1e3:.0f} mm. " + (
                 self._keep_what_moved() if kept else "Hold it still."
             )
@@ -328,40 +297,31 @@ class Session:
 
     def _keep_what_moved(self) -> str:
         if method_is_planar(self.method):
-            self._pixels, self._order = _no_clicks(), []
+            self._clicks.drop()
             return "Hold it still and click the four corners again."
         self._keep()
         return "Your clicks are kept. Hold it still for the others."
 
     def _keep(self) -> None:
         """The clicks of the mask's present pose become a placement."""
-        if self._pending:
+        if self._clicks.pending:
             self.placements.append(self._placement())
-        self._before |= set(self._order)
-        self._pixels, self._order = _no_clicks(), []
+        self._clicks.close()
 
     def _placement(self) -> Placement:
         still = average(self._still.sightings)
-        return Placement(still.pose, still.covariance, still.points, self._pixels.copy())
+        return Placement(still.pose, still.covariance, still.points, self._clicks.pixels.copy())
 
     def _aim(self) -> None:
         """Put the cross-hair where the LED is expected after all clicks so far."""
-        led = self._led
+        led = self._clicks.led
         if led is None or not self._still.sightings:
             return
         pose = average(self._still.sightings).pose
-        made = [*self.placements, *([self._placement()] if self._pending else [])]
-        cart = self.cart
-        procam = cart.nominal
-        if made:
-            procam = fit(made, cart.mask.leds, procam, cart.prior, cart.sigma_px).procam
-        self._step = _first_step(sum(len(p.clicked) for p in made))
-        x, y = procam.project(pose.apply(cart.mask.leds[led]))
-        self._cross_hair = self._inside(x, y)
-
-    def _inside(self, x: float, y: float) -> tuple[int, int]:
-        width, height = self.cart.nominal.projector.size
-        return int(np.clip(round(x), 0, width - 1)), int(np.clip(round(y), 0, height - 1))
+        made = [*self.placements, *([self._placement()] if self._clicks.pending else [])]
+        procam = self._fitted(made) if made else self.cart.nominal
+        self._clicks.first_step(sum(len(p.clicked) for p in made))
+        self._clicks.put(*procam.project(pose.apply(self.cart.mask.leds[led])))
 
     def _seen(self) -> bool:
         return self._latest is not None and self._now - self._seen_at <= UNSEEN_S
@@ -392,6 +352,9 @@ class Session:
         suggested = self.positions[-1] if self.positions else None
         if self.outcome is not None and self.outcome.quality is not None:
             suggested = self.outcome.quality.add
+            if suggested is not None:  # positions are kept as planned for the nominal projector
+                fitted = self._fitted(self.placements)
+                suggested = recentred(suggested, fitted, self.cart.nominal)
         elif self.method == "click":
             suggested = self._suggest_without_result() or suggested
         if suggested is None:
@@ -399,7 +362,7 @@ class Session:
             return
         del self.positions[len(self.ends) :]
         self.positions.append(suggested)
-        self._before.clear()
+        self._clicks.before.clear()
         self.phase = Phase.PLACE
 
     def _suggest_without_result(self) -> Position | None:
@@ -417,26 +380,13 @@ class Session:
     def _lines(self) -> list[str]:
         if self.phase is Phase.PLACE:
             number = len(self.ends) + 1
-            target = self.positions[number - 1]
+            target = self._target
             now = self._latest.pose.translation if self._latest and self._seen() else None
             return words.placing(number, len(self.positions), target, now)
-        if self.phase is Phase.CLICK and self._led is not None:
-            done = len(self._order) + len(self._before)
-            step = STEPS_PX[self._step]
-            return words.clicking(self._led, done, len(self._leds), step, self._seen())
+        led = self._clicks.led
+        if self.phase is Phase.CLICK and led is not None:
+            done, total = self._clicks.done, len(self._clicks.leds)
+            return words.clicking(led, done, total, self._clicks.step_px, self._seen())
         if self.phase is Phase.DONE:
             return ["Calibration done.", *(self.outcome.lines() if self.outcome else [])]
         return words.reviewing(self.outcome, self._problem)
-
-
-def method_is_planar(method: Method) -> bool:
-    return method != "click"
-
-
-def _first_step(clicks: int) -> int:
-    """Index of the step to start with: the more clicks, the nearer the cross-hair starts."""
-    return 0 if clicks == 0 else (1 if clicks < len(LED_NAMES) + 1 else 2)
-
-
-def _no_clicks() -> Array:
-    return np.full((len(LED_NAMES), 2), np.nan)

@@ -39,10 +39,10 @@ def _graphics() -> str:
 
 
 def _models() -> str:
-    from hypermask.texture.landmarks import load_models
+    from hypermask.texture.landmarks import FaceFinder
 
-    load_models()
-    return "face models load"
+    FaceFinder()
+    return "both load"
 
 
 def _characters() -> str:
@@ -61,14 +61,14 @@ def _show() -> str:
 
 
 def _calibration() -> str:
-    from hypermask.calibration.storage import CalibrationStore
+    from hypermask.calibration import storage
 
-    loaded = CalibrationStore().load()
-    if loaded is None:
+    if not storage.history():
         return "none yet: a rehearsal makes its own, a cart is calibrated with the keypad"
-    if loaded.warnings:
-        raise HypermaskError("CAL-READ", "; ".join(loaded.warnings), "Calibrate again.")
-    return loaded.entry.path.name
+    _, warning = storage.load_current()
+    if warning is not None:
+        raise HypermaskError("CAL-READ", warning, "Calibrate again.")
+    return f"{len(storage.history())} stored, the newest is good"
 
 
 CHECKS: dict[str, Callable[[], str]] = {

@@ -32,7 +32,7 @@ SOURCE = (
     "mean of 130 faces: Face Research Lab London Set and its Canadian companion, "
     "DeBruine and Jones, CC BY 4.0"
 )
-_LEAST_SHARE = 0.3
+_EXPOSURE = 1.12
 _RIM_SHADE = 0.30
 _SHARPEN = (0.9, 2.2)
 """How much and how wide (texels): averaging 130 faces takes away what this gives back."""
@@ -51,21 +51,23 @@ def mean_face(photos: list[Path]) -> Image:
         total = total + texture * believed[..., None]
         weight = weight + believed
     mean = (total / np.maximum(weight, 1e-6)[..., None]).astype(np.float32)
-    share = regions.ramp((weight / len(photos)).astype(np.float32), 0.15, 0.6)
+    mean = _sharpen(_symmetric(mean))
+    share = regions.ramp((weight / len(photos)).astype(np.float32), 0.2, 0.8)
+    share = _symmetric(regions.soften(share, 3)) * regions.ramp(regions.depth_mm(), 2, 12)
     skin = share * (1 - regions.features())
     spread = diffuse(cv2.GaussianBlur(mean, (0, 0), 3).astype(np.float32), skin)
-    spread = cv2.GaussianBlur(spread, (0, 0), 6)
-    whole = mean * share[..., None] + spread * (1 - share[..., None])
-    shaped = _sharpen(_symmetric(whole)) * _rim_shade()
-    return np.clip(shaped, 0, 255).astype(np.uint8)
+    smooth = cv2.GaussianBlur(spread, (0, 0), 8)
+    whole = mean * share[..., None] + smooth * (1 - share[..., None])
+    return np.clip(whole * _rim_shade(), 0, 255).astype(np.uint8)
 
 
 def _sharpen(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Inside the face only, so that nothing rings along its outline."""
     amount, sigma = _SHARPEN
-    fine = image - cv2.GaussianBlur(image, (0, 0), sigma)
-    broad = cv2.GaussianBlur(image, (0, 0), sigma) - cv2.GaussianBlur(image, (0, 0), 5 * sigma)
-    lighter = image + amount * fine + 0.35 * amount * broad
-    return np.asarray(lighter * 1.12, np.float32)
+    blurred = cv2.GaussianBlur(image, (0, 0), sigma)
+    fine, broad = image - blurred, blurred - cv2.GaussianBlur(image, (0, 0), 5 * sigma)
+    inside = regions.ramp(regions.depth_mm(), 6, 24)[..., None]
+    return np.asarray((image + inside * amount * (fine + 0.35 * broad)) * _EXPOSURE, np.float32)
 
 
 def _symmetric(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -89,7 +91,7 @@ def main() -> None:
         faces[name] = (texture, balls, f"painted on the {SOURCE}")
     for name, (texture, balls, source) in faces.items():
         rgb, rgb_eyes = (np.ascontiguousarray(i[..., ::-1]) for i in (texture, balls))
-        save_character(Character(name, source, DATE, rgb, rgb_eyes), shelf / name)
+        save_character(Character(name, source, DATE, rgb, rgb_eyes), shelf / name, 9)
         size = (shelf / name / "texture.png").stat().st_size
         print(f"{name}: texture.png {size / 1000:.0f} kB")
 

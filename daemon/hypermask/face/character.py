@@ -1,9 +1,9 @@
 """A character on disk: a folder that is either whole or not there.
 
-    character.toml   version, name, source, date
-    texture.png      512 x 512, the mask seen from the front (`hypermask.face.mesh.to_uv`)
-    eyes.png         320 x 112, the left and the right eyeball (`hypermask.texture.eyes`)
-    landmarks.json   the 468 points on the photograph, for characters made from one
+character.toml   version, name, source, date
+texture.png      512 x 512, the mask seen from the front (`hypermask.face.mesh.to_uv`)
+eyes.png         320 x 112, the left and the right eyeball (`hypermask.texture.eyes`)
+landmarks.json   the 468 points on the photograph, for characters made from one
 """
 
 from __future__ import annotations
@@ -62,8 +62,10 @@ def check_name(name: str) -> str:
     return name
 
 
-def save_character(character: Character, folder: Path) -> None:
+def save_character(character: Character, folder: Path, compression: int = 3) -> None:
     """Write the whole folder or nothing; a character of that name is replaced.
+
+    compression: PNG's, 1 to 9; 9 is smallest and takes most of a second.
 
     Raises `UsageError` CHAR-NAME, `HypermaskError` DISK-WRITE.
     """
@@ -72,7 +74,7 @@ def save_character(character: Character, folder: Path) -> None:
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.")
-        for name, data in _files(character).items():
+        for name, data in _files(character, compression).items():
             write_atomically(Path(temporary) / name, data)
         Path(temporary).chmod(0o755)
         _exchange(Path(temporary), folder)
@@ -106,13 +108,13 @@ def _exchange(new: Path, folder: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _files(character: Character) -> dict[str, bytes]:
+def _files(character: Character, compression: int) -> dict[str, bytes]:
     fields = {"name": character.name, "source": character.source, "date": character.date}
     lines = [f"version = {VERSION}"]
     lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
     files = {
-        "texture.png": _png(character.texture),
-        "eyes.png": _png(character.eyes),
+        "texture.png": _png(character.texture, compression),
+        "eyes.png": _png(character.eyes, compression),
         "character.toml": ("\n".join(lines) + "\n").encode(),
     }
     if character.landmarks is not None:
@@ -121,8 +123,8 @@ def _files(character: Character) -> dict[str, bytes]:
     return files
 
 
-def _png(image: Image) -> bytes:
-    done, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+def _png(image: Image, compression: int) -> bytes:
+    done, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, compression])
     if not done:
         raise OSError("the picture cannot be encoded")
     return data.tobytes()
@@ -190,7 +192,9 @@ def _shelves() -> tuple[Path, Path]:
 
 def known_characters() -> list[str]:
     """Names of all characters, the user's and the built-in ones."""
-    return sorted({file.parent.name for shelf in _shelves() for file in shelf.glob("*/character.toml")})
+    return sorted(
+        {file.parent.name for shelf in _shelves() for file in shelf.glob("*/character.toml")}
+    )
 
 
 def find_character(name: str | Path) -> Path:

@@ -1,7 +1,7 @@
 """Six emotions (PAPERS A4): displacements of feature points and of the mouth's parameters.
 
 The action units are those of EMFACS: happiness 6+12; sadness 1+4+15; surprise 1+2+5+26;
-fear 1+2+4+5+7+20+26; anger 4+5+7+23; disgust 9+15+16. Amplitudes are a stage's, not a living room's.
+fear 1+2+4+5+7+20+26; anger 4+5+7+23; disgust 9+15+16.
 Millimetres on the mask: outwards (away from the middle) and upwards; both sides alike.
 """
 
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 EMOTIONS = ("anger", "happiness", "sadness", "disgust", "surprise", "fear")
 
 Moves = dict[str, tuple[float, float]]
+
+_STAGE = 1.25
+"""What is read from the stalls is larger than life."""
 
 UPPER_FACE: dict[str, Moves] = {
     "anger": {
@@ -114,15 +117,11 @@ UPPER_FACE: dict[str, Moves] = {
 
 MOUTH: dict[str, Array] = {
     # 13 parameters in `hypermask.face.mouth` order: what the emotion does to the closed mouth.
-    "anger": np.array(
-        [-0.10, 0.0, 0.02, 0.0, -0.02, 0.0, 0.10, 0.0, 0.03, -0.13, -0.08, 0.0, 0.0]
-    ),
+    "anger": np.array([-0.12, 0.0, -0.02, 0.0, 0.02, 0.0, 0.12, 0.0, 0.04, -0.13, -0.08, 0.0, 0.0]),
     "happiness": np.array(
         [0.04, 0.0, 0.10, 0.0, -0.16, 0.0, -0.10, 0.0, -0.08, 0.30, 0.24, -0.1, 0.30]
     ),
-    "sadness": np.array(
-        [0.03, 0.0, 0.02, 0.0, 0.03, 0.1, 0.07, 0.1, 0.05, -0.30, -0.04, 0.0, 0.0]
-    ),
+    "sadness": np.array([0.03, 0.0, 0.02, 0.0, 0.03, 0.1, 0.07, 0.1, 0.05, -0.30, -0.04, 0.0, 0.0]),
     "disgust": np.array(
         [0.24, 0.1, 0.20, 0.0, -0.02, 0.1, -0.12, 0.2, 0.02, -0.18, -0.04, 0.0, 0.10]
     ),
@@ -151,7 +150,7 @@ def emotion_weights(expression: Mapping[str, float] | ArrayLike | None) -> Array
         values = np.asarray(expression, float)
     if values.shape != (len(EMOTIONS),) or not np.isfinite(values).all():
         raise _wrong("an expression is not six finite weights")
-    return np.clip(values, 0, 1)
+    return np.asarray(np.clip(values, 0, 1))
 
 
 def _wrong(what: str) -> UsageError:
@@ -169,10 +168,14 @@ def emotion_fields(mesh: Mesh) -> Array:
     for number, emotion in enumerate(EMOTIONS):
         given = np.zeros((len(moved), 3))
         for feature, (outwards, up) in UPPER_FACE[emotion].items():
-            for name, side in ((feature, 0.0), (f"{feature}_left", -1.0), (f"{feature}_right", 1.0)):
+            for name, side in (
+                (feature, 0.0),
+                (f"{feature}_left", -1.0),
+                (f"{feature}_right", 1.0),
+            ):
                 if name in points.FEATURES:
                     given[place[points.FEATURES[name]]] = (outwards * side, up, 0)
-        fields[number] = carried @ given / 1000
+        fields[number] = carried @ given * _STAGE / 1000
     return fields
 
 

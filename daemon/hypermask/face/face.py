@@ -1,4 +1,4 @@
-"""A character's face on the mask: where its vertices are for an expression, a mouth and the lids."""
+"""A character's face on the mask: its vertices for an expression, a mouth and the lids."""
 
 from __future__ import annotations
 

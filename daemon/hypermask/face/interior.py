@@ -125,7 +125,9 @@ def _strip(x: Array, top: Array, bottom: Array, arch: Array) -> Array:
     y = np.stack([top, (top + bottom) / 2, bottom])
     bulge = np.array([0.0006, 0.0, 0.0006])[:, None]
     z = arch[None] + bulge
-    return np.stack([np.broadcast_to(x, y.shape), y, np.broadcast_to(z, y.shape)], -1).reshape(-1, 3)
+    return np.stack([np.broadcast_to(x, y.shape), y, np.broadcast_to(z, y.shape)], -1).reshape(
+        -1, 3
+    )
 
 
 def _teeth_texture(upper: bool, width: int = 256, height: int = 64) -> Image:
@@ -146,7 +148,7 @@ def _teeth_texture(upper: bool, width: int = 256, height: int = 64) -> Image:
     gap = 1 - 0.38 * np.clip((np.abs(across) - 0.80) / 0.20, 0, 1) ** 2
     shade = gap * (0.90 + 0.10 * np.sqrt(np.clip(1 - across**2, 0, 1)))
     shade *= (0.97 - 0.42 * (np.abs(x) / half) ** 2) * (0.82 + 0.18 * y)
-    colour = shade[..., None] * (240, 234, 220)
+    colour = shade[..., None] * (255, 252, 242)
     gum = np.clip((0.16 + 0.10 * corner - y) / 0.05, 0, 1)[..., None]
     colour = colour * (1 - gum) + gum * (186, 104, 104)
     picture = np.dstack([colour, alpha * 255])

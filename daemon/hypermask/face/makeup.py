@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hypermask.face.mesh import load_mesh
 from hypermask.face.points import (
     LEFT_BROW,
     LEFT_EYE,
@@ -59,8 +58,8 @@ def _draw(shapes: Sequence[NDArray[np.float64]], soft_mm: float = 0.5) -> Map:
     for shape in shapes:
         texel = (regions.to_texels(shape) + 0.5) * _FINE - 0.5
         cv2.fillPoly(fine, [np.round(texel * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
-    small = cv2.resize(fine, (SIZE, SIZE), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
-    return regions.soften(small, soft_mm)
+    small = cv2.resize(fine, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
+    return regions.soften(np.asarray(small / 255, np.float32), soft_mm)
 
 
 def _both(shape: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -78,6 +77,14 @@ def _stroke(points: Points, widths: ArrayLike) -> NDArray[np.float64]:
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     side = normal * width[:, None] / 2
     return np.concatenate([line + side, (line - side)[::-1]])
+
+
+def _area(border: Points, corners: Points) -> NDArray[np.float64]:
+    """The area between a smooth border and some corners outside."""
+    knots = np.array(border, float)
+    t = np.linspace(0, len(knots) - 1, 90)
+    line = np.stack([_smooth_through(knots[:, k], t) for k in range(2)], 1)
+    return np.concatenate([line, np.array(corners, float)])
 
 
 def _smooth_through(values: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,7 +106,6 @@ def _ellipse(x: float, y: float, rx: float, ry: float, turn: float = 0.0) -> NDA
     return np.asarray(flat @ np.array([[c, s], [-s, c]]) + (x, y))
 
 
-
 def _lids(grow_mm: float, soft_mm: float) -> Map:
     """A line around both eyes."""
     eyes = np.maximum(regions.polygon(LEFT_EYE), regions.polygon(RIGHT_EYE))
@@ -112,14 +118,14 @@ def _lips(grow_mm: float = 0.0) -> Map:
 
 
 def _finish(canvas: NDArray[np.float32]) -> Image:
-    return np.clip(canvas, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(canvas, 0, 255), np.uint8)
 
 
 def _tint(eyes: Image, colour: Colour, strength: float) -> Image:
     """Eyeballs with brighter whites, tinted."""
     bright = np.clip(eyes.astype(np.float32) * 1.15, 0, 255)
     tinted = bright * (1 - strength) + bright * np.array(colour[::-1]) / 255 * strength
-    return np.clip(tinted, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(tinted, 0, 255), np.uint8)
 
 
 def noh(texture: Image, eyes: Image) -> tuple[Image, Image]:
@@ -130,14 +136,14 @@ def noh(texture: Image, eyes: Image) -> tuple[Image, Image]:
     _cover(canvas, _draw(_both(_ellipse(52, -22, 20, 18)), 9) * 0.20, (232, 150, 120), light)
     brows = _both(_ellipse(31, 78, 15, 5.5, 0.22))
     _cover(canvas, _draw(brows, 3.2) * 0.85, (40, 34, 36), light)
-    liner = _both(_stroke([(15, 22), (24, 31.5), (36, 32), (48, 25), (55, 22)], [1.0, 2.6, 2.8, 2.4, 0.3]))
+    liner = _both(
+        _stroke([(15, 22), (24, 31.5), (36, 32), (48, 25), (55, 22)], [1.0, 2.6, 2.8, 2.4, 0.3])
+    )
     _cover(canvas, _draw(liner, 0.5) * 0.95, (22, 18, 20), light)
     _cover(canvas, _lids(1.2, 0.6) * 0.6, (30, 24, 26), light)
     _cover(canvas, _lips() * 0.92, (188, 30, 36), light, 0.9)
-    hair = [
-        np.array([(-110, 150), (0, 150), (0, 112), (-40, 106), (-72, 84), (-86, 40), (-88, -30), (-110, -40)])
-    ]
-    hair += [hair[0] * (-1, 1)]
+    line = [(0, 113), (36, 107), (66, 86), (81, 50), (85, 8), (84, -30), (94, -64), (104, -80)]
+    hair = _both(_area(line, [(130, -80), (130, 160), (0, 160)]))
     _cover(canvas, _draw(hair, 1.2), (24, 20, 22), light, 0.3)
     strands = [
         _stroke([(x, 140), (x * 1.1 + 8, 112), (82 + x * 0.1, 60), (91 + x * 0.06, -10)], [0.5])
@@ -167,14 +173,22 @@ def kabuki(texture: Image, eyes: Image) -> tuple[Image, Image]:
     _cover(canvas, _draw(stripes, 0.6) * wide, (190, 14, 22), light, 0.6)
     brows = _both(_stroke([(9, 41), (24, 52), (42, 62), (58, 78)], [6, 9.5, 8, 2]))
     _cover(canvas, _draw(brows, 0.5), (16, 14, 16), light, 0.2)
-    liner = _both(_stroke([(11, 20), (22, 32.5), (36, 34), (52, 28), (66, 34)], [1.5, 3, 3.6, 3.5, 0.6]))
+    liner = _both(
+        _stroke([(11, 20), (22, 32.5), (36, 34), (52, 28), (66, 34)], [1.5, 3, 3.6, 3.5, 0.6])
+    )
     under = _both(_stroke([(16, 21), (30, 16), (46, 20), (60, 29)], [1, 2.2, 2.4, 0.6]))
     _cover(canvas, _draw(liner + under, 0.4), (16, 14, 16), light, 0.2)
     _cover(canvas, _lids(1.0, 0.5) * 0.8, (20, 16, 18), light)
     _cover(canvas, _lips(), (178, 12, 20), light, 0.9)
     corners = _both(_stroke([(25, -58), (32, -61), (37, -68)], [4, 4.5, 0.5]))
     _cover(canvas, _draw(corners, 0.4), (16, 14, 16), light, 0.2)
-    _cover(canvas, _draw([_stroke([(-20, 132), (0, 108), (20, 132)], [20, 26, 20])], 1.0), (20, 18, 20), light, 0.2)
+    _cover(
+        canvas,
+        _draw([_stroke([(-20, 132), (0, 108), (20, 132)], [20, 26, 20])], 1.0),
+        (20, 18, 20),
+        light,
+        0.2,
+    )
     return _finish(canvas), _tint(eyes, (255, 236, 190), 0.5)
 
 
@@ -199,11 +213,22 @@ def clown(texture: Image, eyes: Image) -> tuple[Image, Image]:
     _cover(canvas, mouth, (206, 22, 30), light, 0.8)
     nose = _draw([_ellipse(0, -25, 18.5, 16)], 0.8)
     x, y = regions.grid_mm()
-    ball = np.clip(1.05 - 0.55 * np.hypot(x + 4, y + 20) / 20, 0.4, 1.1)
+    ball = np.clip(1.05 - 0.55 * np.hypot(x + 4, y + 20) / 20, 0.4, 1.1).astype(np.float32)
     _cover(canvas, nose, (228, 26, 30), ball, 1.0)
     _cover(canvas, _draw([_ellipse(-6, -17, 3.6, 2.8, 0.5)], 1.0) * 0.7, (255, 225, 220), ball, 0)
-    hair = _draw([np.array([(-110, 150), (110, 150), (104, 104), (60, 116), (0, 104), (-60, 116), (-104, 104)], float)], 1.0)
-    _cover(canvas, hair, (244, 178, 30), light, 0.4)
+    fringe = [
+        (0, 104),
+        (14, 98),
+        (28, 105),
+        (44, 100),
+        (60, 104),
+        (74, 88),
+        (86, 74),
+        (90, 50),
+        (104, 30),
+    ]
+    hair = _both(_area(fringe, [(130, 30), (130, 160), (0, 160)]))
+    _cover(canvas, _draw(hair, 1.0), (244, 178, 30), light, 0.4)
     return _finish(canvas), _tint(eyes, (255, 255, 255), 0.0)
 
 

@@ -24,6 +24,7 @@ Indices = NDArray[np.int32]
 LANDMARKS = 468
 HALF_WIDTH_M = 0.102
 HALF_HEIGHT_M = 0.140
+_STRETCH = 0.3
 """The texture covers the rectangle |x| <= HALF_WIDTH_M, |y| <= HALF_HEIGHT_M of the mask."""
 
 
@@ -105,22 +106,19 @@ def influence(mesh: Mesh, moved: Sequence[int], still: Sequence[int]) -> Array:
     energy that keeps it from overshooting) that is exact at `moved` and zero at `still`. It follows
     the mesh, so the upper lip does not pull at the lower one across the open mouth.
     """
-    laplacian = _laplacian(mesh)
+    laplacian = _laplacian()
     energy = laplacian @ laplacian + _STRETCH * laplacian
-    fixed = [*moved, *still]
-    free = np.setdiff1d(np.arange(mesh.count), fixed)
+    driving = np.array(moved, np.intp)
+    free = np.setdiff1d(np.arange(mesh.count), np.array([*moved, *still]))
     weights = np.zeros((mesh.count, len(moved)))
-    weights[list(moved), np.arange(len(moved))] = 1
-    driven = energy[free][:, list(moved)]
+    weights[driving, np.arange(len(moved))] = 1
+    driven = energy[free][:, driving]
     weights[free] = np.linalg.solve(energy[free][:, free], -driven)
     return weights
 
 
-_STRETCH = 0.3
-
-
 @functools.cache
-def _laplacian_of(key: int) -> Array:
+def _laplacian() -> Array:
     mesh = load_mesh()
     weights = np.zeros((mesh.count, mesh.count))
     for a, b in ((0, 1), (1, 2), (2, 0)):
@@ -129,7 +127,3 @@ def _laplacian_of(key: int) -> Array:
         weights[i, j] = weights[j, i] = 1 / np.maximum(length, 1e-3)
     weights /= weights[weights > 0].mean()
     return np.asarray(np.diag(weights.sum(axis=1)) - weights)
-
-
-def _laplacian(mesh: Mesh) -> Array:
-    return _laplacian_of(mesh.count)

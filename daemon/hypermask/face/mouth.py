@@ -56,9 +56,7 @@ CONTROL_POINTS = {
 
 MOUTH_SHAPES: dict[str, Array] = {
     "closed": np.zeros(13),
-    "a": np.array(
-        [0.08, 0.0, 0.18, 0.0, -0.96, 0.0, -0.86, 0.02, -0.72, -0.14, -0.10, 0.0, 0.50]
-    ),
+    "a": np.array([0.08, 0.0, 0.18, 0.0, -0.96, 0.0, -0.86, 0.02, -0.72, -0.14, -0.10, 0.0, 0.50]),
     "i": np.array(
         [0.07, -0.04, 0.12, -0.04, -0.24, -0.04, -0.20, -0.04, -0.10, 0.06, 0.18, -0.06, 0.38]
     ),
@@ -97,7 +95,7 @@ def check_mouth(mouth: ArrayLike) -> Array:
         raise UsageError(
             "FACE-MOUTH", "a mouth is not 13 finite numbers", "Give all 13 parameters."
         )
-    return np.clip(values, -1.5, 1.5)
+    return np.asarray(np.clip(values, -1.5, 1.5))
 
 
 def mouth_fields(mesh: Mesh) -> Array:
@@ -107,7 +105,7 @@ def mouth_fields(mesh: Mesh) -> Array:
     rows = [vertex for column in points.LIP_COLUMNS for vertex in column[1:3]]
     carried = influence(mesh, [*moved, *rows], _still(mesh, [*moved, *rows]))
     carried = carried[:, : len(moved)] + carried[:, len(moved) :] @ _between(moved, rows)
-    return np.einsum("vm,pmd->pvd", carried, given)
+    return np.asarray(np.einsum("vm,pmd->pvd", carried, given))
 
 
 def _between(moved: list[int], rows: list[int]) -> Array:
@@ -154,10 +152,14 @@ def _given(mesh: Mesh, moved: list[int]) -> Array:
 
 
 def _profiles(mesh: Mesh, line: tuple[int, ...]) -> tuple[Array, Array]:
-    """Shares of the middle and of the corner along an outline; they sum to 1."""
+    """Shares of the middle and of the corner along an outline.
+
+    The middle's share ends at the outline's own corners. The corner's is the same function of x
+    for all outlines, so that a smile shears the lips and does not make them thinner.
+    """
     x = mesh.rest[list(line), 0]
     centre = np.maximum(1 - (x / np.abs(x).max()) ** 2, 0) ** _PROFILE
-    return centre, 1 - centre
+    return np.asarray(centre), np.asarray((x / half_width(mesh)) ** 2)
 
 
 def _wide_opening(mesh: Mesh, moved: list[int]) -> Array:
@@ -225,4 +227,3 @@ def combine(mouth: Array, added: Array) -> Array:
     kept[_OPENING] = 1 - 0.85 * spoken
     kept[12] = 1 - 0.8 * np.clip(mouth[12] / 0.4, 0, 1)
     return np.asarray(mouth + kept * added)
-

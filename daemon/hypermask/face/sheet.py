@@ -91,7 +91,7 @@ def front_view(
         picture[gap < hole.radius_m] = 0
     smaller = (size[0] // _SMOOTH, size[1] // _SMOOTH)
     smooth = cv2.resize(picture, smaller, interpolation=cv2.INTER_AREA)
-    return np.clip(smooth + 0.5, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(smooth + 0.5, 0, 255), np.uint8)
 
 
 def _paint(picture: NDArray[np.float32], layer: MeshLayer, flat: Array) -> None:

@@ -72,8 +72,7 @@ def on_mask(shape: Array) -> Array:
     below = np.clip((5 - y) / 50, 0, 1)
     beside = np.clip((np.abs(x) - 31) / 37, 0, 1)
     grow = np.maximum(_smooth(below), _smooth(beside))
-    placed = np.column_stack([x * (1 + 0.16 * grow), PchipInterpolator(*heights.T)(y)])
-    return placed
+    return np.column_stack([x * (1 + 0.16 * grow), PchipInterpolator(*heights.T)(y)])
 
 
 def with_lips(points: Array, gap_mm: float) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +52,15 @@ class Flip:
 class LockStep:
     """Builds the workers on a simulated cart and plays them in turn, flip by flip."""
 
-    def __init__(self, cart: SimulatedCart, calibration: ProCam | Planar, casting: Casting) -> None:
+    def __init__(
+        self,
+        cart: SimulatedCart,
+        calibration: ProCam | Planar,
+        casting: Casting,
+        board: Board | None = None,
+    ) -> None:
         self.cart = cart
-        self.board = Board.local()
+        self.board = board or Board.local()
         world, clock, journal, scenario = cart.world, cart.clock, cart.journal, cart.scenario
         self._latency = scenario.latency
         self.observer = TrackingObserver(world)
@@ -77,7 +84,6 @@ class LockStep:
         self._projector.ready()
         self._build_stage(casting, calibration)
         self._shown: list[Image] = []
-        cart.projector.add_listener(lambda picture, flip_s, light_s: self._shown.append(picture))
 
     def _build_stage(self, casting: Casting, calibration: ProCam | Planar) -> None:
         world, projector = self.cart.world, self.cart.projector
@@ -85,13 +91,13 @@ class LockStep:
         size = (self._mode.width, self._mode.height)
         settings = StageSettings(brightness_limit=world.scenario.stage.brightness_limit)
         renderer = StageRenderer(projector.context, size, world.mask, settings)
-        self._test_only = tuple(casting.sources.values()) == (DOTS,)
-        sources = casting.sources if self._test_only else {**casting.sources, DOTS: DOTS}
+        self.test_only = tuple(casting.sources.values()) == (DOTS,)
+        sources = casting.sources if self.test_only else {**casting.sources, DOTS: DOTS}
         cast = Cast(sources, world.mask, renderer)
         reader = TrackReader(self.board, world.scenario.tracking.prediction)
         mapping = mapping_for(calibration, world.mask, reader)
         period_s = 1 / self._mode.rate_hz
-        self.stage = StageWorker(renderer, cast, mapping, reader, self.board, period_s)
+        self.stage = StageWorker(renderer, cast, mapping, reader, self.board, period_s, settings)
         self._renderer, self._cast = renderer, cast
         with projector.context:
             self._probe_buffer = projector.context.framebuffer(
@@ -109,6 +115,9 @@ class LockStep:
     def play(self, duration_s: float) -> Iterator[Flip | None]:
         """Play until `duration_s` after the cart's time 0; None for a flip without a projector."""
         clock, end_s = self.cart.clock, self.cart.world.origin_s + duration_s
+        self.cart.projector.add_listener(
+            lambda picture, flip_s, light_s: self._shown.append(picture)
+        )
         index = 0
         while clock.now() < end_s - 0.5 / self._mode.rate_hz:
             yield self._flip(index)
@@ -124,7 +133,7 @@ class LockStep:
         self.stage.announce(flip_s, flip_s - latch_s)
         self._until(latch_s)
         picture = self.stage.latch(clock.now(), flip_s + self._mode.light_delay_s)
-        probe = None if self._test_only else self._draw_probe(picture)
+        probe = None if self.test_only else read_back(self.draw_probe(picture))
         self.stage.draw(self.cart.projector.framebuffer, picture)
         self._shown.clear()
         shown_s = projector.use(lambda device: device.present())
@@ -152,7 +161,7 @@ class LockStep:
         while self.show.step():
             pass
 
-    def _draw_probe(self, picture: Picture) -> Image:
+    def draw_probe(self, picture: Picture) -> moderngl.Framebuffer:
         """The same frame with dots, drawn by the same renderer with the same numbers."""
         items: tuple[DrawItem, ...] = ()
         if picture.items:
@@ -162,7 +171,7 @@ class LockStep:
             picture.light_s, picture.matrix, items, picture.brightness, picture.measured_s
         )
         self.stage.draw(self._probe_buffer, probe)
-        return read_back(self._probe_buffer)
+        return self._probe_buffer
 
 
 def _arrival(camera: object) -> float | None:
@@ -179,5 +188,6 @@ def read_back(framebuffer: moderngl.Framebuffer) -> Image:
     """A framebuffer's picture (h, w, 3) RGB, row 0 at the top."""
     with framebuffer.ctx:
         width, height = framebuffer.size
-        data = framebuffer.read(components=3, alignment=1)
-    return np.frombuffer(data, np.uint8).reshape(height, width, 3)[::-1]
+        data = framebuffer.read(components=4)  # GLES promises RGBA only
+    pixels = np.frombuffer(data, np.uint8).reshape(height, width, 4)[::-1]
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGBA2RGB), np.uint8)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +13,7 @@ from hypermask.tracking.tracker import TrackResult
 from hypermask_drivers.camera import Frame
 from hypermask_sim.audience import Audience
 from hypermask_sim.film import FilmWriter
+from hypermask_sim.sheet import Moment
 
 Image = NDArray[np.uint8]
 
@@ -23,28 +22,20 @@ FILM_SIZE = (960, 720)
 SHEET_MOMENTS = 12
 
 
-@dataclass(frozen=True)
-class Moment:
-    """One cell of the contact sheet."""
-
-    time_s: float
-    caption: str
-    audience: Image
-    projector: Image
-    camera: Image | None
-
-
 class Pictures:
     """Takes flips while they are played; keeps a film and the moments for the contact sheet."""
 
-    def __init__(self, cart: SimulatedCart, film: Path, duration_s: float) -> None:
+    def __init__(
+        self, cart: SimulatedCart, film: Path, duration_s: float, rate_hz: float = FILM_RATE_HZ
+    ) -> None:
+        self._rate_hz = rate_hz
         self._cart = cart
         self._audience = Audience(cart.projector.context, cart.world, FILM_SIZE)
         voice = cart.world.voice
         rate = cart.scenario.microphone.rate_hz
         start = round(cart.scenario.performer.voice_start_s * rate)
         sound = voice.block(-start, round(duration_s * rate))
-        self._film = FilmWriter(film, FILM_SIZE, FILM_RATE_HZ, (sound, rate))
+        self._film = FilmWriter(film, FILM_SIZE, rate_hz, (sound, rate))
         self._frames = 0
         self._wanted = list(np.linspace(0.04, 0.98, SHEET_MOMENTS) * duration_s)
         self.moments: list[Moment] = []
@@ -52,18 +43,18 @@ class Pictures:
     def take(self, flip: Flip, seen: tuple[Frame, TrackResult] | None, caption: str) -> None:
         """Add a flip; film frames are taken at the film's own rate, by the time of the light."""
         now = flip.picture.light_s - self._cart.world.origin_s
-        due = self._frames / FILM_RATE_HZ <= now + 1e-9
+        due = self._frames / self._rate_hz <= now + 1e-9
         moment = bool(self._wanted) and now >= self._wanted[0]
         if not due and not moment:
             return
         view = self._audience.render(flip.shown, flip.picture.light_s)
-        while self._frames / FILM_RATE_HZ <= now + 1e-9:
-            self._film.add(view)
+        while self._frames / self._rate_hz <= now + 1e-9:
+            self._film.write(view)
             self._frames += 1
         if moment:
             self._wanted.pop(0)
-            camera = None if seen is None else mark_leds(*seen)
-            self.moments.append(Moment(now, caption, view, flip.shown.copy(), camera))
+            frame, leds = (None, None) if seen is None else (seen[0].image.copy(), seen[1].points)
+            self.moments.append(Moment(now, caption, view, flip.shown.copy(), frame, leds))
 
     def close(self) -> None:
         """Finish the film; it appears under its name only when it is whole."""
@@ -71,16 +62,5 @@ class Pictures:
         self._audience.close()
 
     def abandon(self) -> None:
-        self._film.abort()
+        self._film.discard()
         self._audience.close()
-
-
-def mark_leds(frame: Frame, result: TrackResult) -> Image:
-    """The camera's frame (h, w, 3) with a ring round every LED that the tracker has labelled."""
-    picture = cv2.cvtColor(frame.image, cv2.COLOR_GRAY2RGB)
-    for index, point in enumerate(result.points):
-        if np.isfinite(point).all():
-            centre = (round(float(point[0])), round(float(point[1])))
-            colour = (255, 200, 60) if index == 4 else (80, 220, 120)
-            cv2.circle(picture, centre, 16, colour, 2, cv2.LINE_AA)
-    return np.asarray(picture, np.uint8)

@@ -11,8 +11,9 @@ import numpy as np
 
 from hypermask.storage import write_atomically
 from hypermask.voice.follower import MouthFrame
+from hypermask_sim.faults import FaultSettings
 from hypermask_sim.judge import FrameMeasurement, Judge
-from hypermask_sim.scenario import FaultSettings, Scenario
+from hypermask_sim.scenario import Scenario
 
 VERSION = 1
 _BLINDING = ("camera_lost", "leds_hidden")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from hypermask.rehearsal.cart import SimulatedCart
 from hypermask.rehearsal.journal import Journal
 from hypermask.rehearsal.lockstep import LockStep
 from hypermask.rehearsal.show_parts import casting_of
-from hypermask_drivers.clock import VirtualClock
+from hypermask.voice.follower import MouthFrame
+from hypermask.workers.board import Board
+from hypermask_drivers.clock import Clock, VirtualClock
 from hypermask_sim.dots import load_dots
 from hypermask_sim.judge import FrameMeasurement, Judge
 from hypermask_sim.scenario import Scenario, load_scenario
@@ -59,14 +62,20 @@ def play(
 ) -> dict[str, Any]:
     """Play in lock-step. With `out` None nothing is written. calibration: instead of making one."""
     rehearsal = Rehearsal(scenario, calibration)
-    with _progress(quiet) as progress:
+    with progress_bar(quiet) as progress:
         return rehearsal.run(out, pictures, progress)
 
 
 class Rehearsal:
     """One lock-step rehearsal: the cart, the show on it, the judge and the pictures."""
 
-    def __init__(self, scenario: Scenario, calibration: ProCam | Planar | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        calibration: ProCam | Planar | None = None,
+        clock: Clock | None = None,
+        board: Board | None = None,
+    ) -> None:
         self.casting = casting_of(scenario)
         self.world = World(scenario)
         self.scenario = scenario
@@ -74,15 +83,15 @@ class Rehearsal:
         for note in self.world.notes:
             self.journal(0.0, "NOTE", note)
         self.calibration = calibration or calibrate(self.world, self.journal)
-        cart = SimulatedCart(self.world, VirtualClock(), self.journal)
-        self.lockstep = LockStep(cart, self.calibration, self.casting)
+        cart = SimulatedCart(self.world, clock or VirtualClock(), self.journal)
+        self.lockstep = LockStep(cart, self.calibration, self.casting, board)
         self.judge = Judge(self.world, load_dots(paths.configs() / "characters" / "dots"))
         self.measured: list[FrameMeasurement] = []
         self.leads_s: list[float] = []
 
     def run(self, out: Path | None, pictures: bool, progress: Progress) -> dict[str, Any]:
         """Play to the end, write the report (and pictures) into `out`, and return the report."""
-        taker = self._pictures(out) if out is not None and pictures else None
+        taker = self.pictures(out) if out is not None and pictures else None
         duration_s = self.world.duration_s
         task = progress.add_task(self.scenario.name, total=duration_s)
         for flip in self.lockstep.play(duration_s):
@@ -94,15 +103,15 @@ class Rehearsal:
                 self.leads_s.append(flip.picture.lead_s)
             if taker is not None:
                 taker.take(flip, self.lockstep.last_seen, self._caption())
-        report = self._report()
+        report = self.report(self.lockstep.observer.summary(), self.lockstep.voice.history)
         if out is not None:
             figures.write_json(out / "report.json", report)
             figures.write_json(out / "timings.json", self._timings())
         if taker is not None and out is not None:
-            self._finish(taker, out, report)
+            self.finish(taker, out, report)
         return report
 
-    def _pictures(self, out: Path) -> Any:
+    def pictures(self, out: Path) -> Any:
         from hypermask.rehearsal.pictures import Pictures
 
         out.mkdir(parents=True, exist_ok=True)
@@ -116,7 +125,7 @@ class Rehearsal:
             print(error, file=sys.stderr)
             return None
 
-    def _finish(self, taker: Any, out: Path, report: dict[str, Any]) -> None:
+    def finish(self, taker: Any, out: Path, report: dict[str, Any]) -> None:
         from hypermask.rehearsal.sheet import write_sheet
 
         taker.close()
@@ -126,7 +135,8 @@ class Rehearsal:
         cues = [event.text for event in self.journal.events if event.code == "CUE"]
         return cues[-1].split(": ")[-1] if cues else "neutral"
 
-    def _report(self) -> dict[str, Any]:
+    def report(self, tracking: dict[str, Any], mouth: Sequence[MouthFrame]) -> dict[str, Any]:
+        """The report of a lock-step run; a real-time run replaces what differs."""
         scenario, lockstep = self.scenario, self.lockstep
         latency = scenario.latency
         return {
@@ -139,7 +149,7 @@ class Rehearsal:
             "duration_s": round(self.world.duration_s, 6),
             "frames": len(self.measured),
             "registration_mm": figures.registration(self.measured),
-            "tracking": lockstep.observer.summary(),
+            "tracking": tracking,
             "lead_ms": figures.spread(self.leads_s, 1e3),
             "compute_ms": {
                 "clock": "virtual: what the scenario's [latency] charges; measured wall times of "
@@ -151,7 +161,7 @@ class Rehearsal:
             "missed_flips": lockstep.missed_flips,
             "calibration": self._calibration(),
             "outages": figures.outages(scenario, self.measured),
-            "mouth": figures.mouth(lockstep.voice.history),
+            "mouth": figures.mouth(mouth),
             "events": self.journal.as_data(),
             "series": figures.series(self.measured),
         }
@@ -185,7 +195,7 @@ def _charged(value: float) -> dict[str, float]:
     return {"p50": value, "p99": value}
 
 
-def _progress(quiet: bool) -> Progress:
+def progress_bar(quiet: bool) -> Progress:
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),

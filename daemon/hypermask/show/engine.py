@@ -8,7 +8,13 @@ import numpy as np
 
 from hypermask.blackboard import Record
 from hypermask.errors import UsageError
-from hypermask.show.scene import SCENE, brightness_at, expression_at
+from hypermask.show.scene import (
+    CHARACTERS,
+    SCENE,
+    brightness_at,
+    characters_at,
+    expression_at,
+)
 from hypermask.show.showfile import Cue, ShowFile
 
 
@@ -28,7 +34,8 @@ class ShowEngine:
         self._blackout = False
         self._wanted_brightness = show.brightness
         self._scene: Record = np.zeros((), SCENE)
-        self._scene["character"] = show.characters[0].encode()
+        self._scene["characters"][0] = show.characters[0].encode()
+        self._scene["opacity"][0] = 1.0
         self._scene["brightness"] = show.brightness
         self._scene["brightness_fade"] = (time_s, 0.0)
 
@@ -66,12 +73,20 @@ class ShowEngine:
         self._scene["expression_fade"] = (time_s, _or(cue.fade_s, self._show.fades.expression_s))
 
     def _fade_character(self, cue: Cue, time_s: float) -> None:
-        current = self._scene["character"].item().decode()
+        current = self._scene["characters"][int(np.argmax(self._scene["opacity"]))].decode()
         wanted = self._character(str(cue.character), current)
         if wanted == current:
             return
-        self._scene["previous_character"] = current.encode()
-        self._scene["character"] = wanted.encode()
+        seen = dict(characters_at(self._scene, time_s))
+        # There is room for the wanted one and the most visible others.
+        kept = sorted((name for name in seen if name != wanted), key=lambda name: -seen[name])
+        names = [wanted, *kept[: CHARACTERS - 1]]
+        total = sum(seen.get(name, 0.0) for name in names)
+        for index in range(CHARACTERS):
+            name = names[index] if index < len(names) else ""
+            self._scene["characters"][index] = name.encode()
+            self._scene["previous_opacity"][index] = seen.get(name, 0.0) / total
+            self._scene["opacity"][index] = float(name == wanted)
         self._scene["character_fade"] = (time_s, _or(cue.fade_s, self._show.fades.character_s))
 
     def _character(self, wanted: str, current: str) -> str:

@@ -13,12 +13,16 @@ from hypermask.blackboard import Record
 
 Array = NDArray[np.float64]
 
+CHARACTERS = 4
 FADE_FIELDS = [("start_s", "<f8"), ("duration_s", "<f8")]
 
 SCENE = np.dtype(
     [
-        ("character", "S64"),
-        ("previous_character", "S64"),
+        # The characters of a cross-fade, even of one that interrupts another, and their opacity
+        # before and after it.
+        ("characters", "S64", (CHARACTERS,)),
+        ("previous_opacity", "<f8", (CHARACTERS,)),
+        ("opacity", "<f8", (CHARACTERS,)),
         ("character_fade", FADE_FIELDS),
         ("expression", "<f8", (6,)),
         ("previous_expression", "<f8", (6,)),
@@ -53,10 +57,8 @@ def brightness_at(scene: Record, time_s: float) -> float:
 
 
 def characters_at(scene: Record, time_s: float) -> list[tuple[str, float]]:
-    """(name, opacity) of the one or two characters to draw at `time_s`; opacities sum to 1."""
+    """(name, opacity) of every character to draw at `time_s`; opacities sum to 1."""
     done = progress(scene["character_fade"], time_s)
-    current = scene["character"].item().decode()
-    previous = scene["previous_character"].item().decode()
-    if done >= 1 or not previous or previous == current:
-        return [(current, 1.0)]
-    return [(previous, 1 - done), (current, done)]
+    opacities = scene["previous_opacity"] * (1 - done) + scene["opacity"] * done
+    named = zip(scene["characters"].tolist(), opacities.tolist(), strict=True)
+    return [(name.decode(), opacity) for name, opacity in named if name and opacity > 0]

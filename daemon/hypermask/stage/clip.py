@@ -1,7 +1,7 @@
 """From a projective map of mask metres to projector pixels, to what the GPU clips and rasterises.
 
-All of it in float64; only the finished matrix is rounded to float32, which costs less than
-0.001 px because its entries are no larger than the picture's half width is small (NDC units).
+All of it in float64, where pixels of a thousand and depths of metres may cancel; only the finished
+matrix, whose entries are about 1, is rounded to float32, which costs less than 0.001 px.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ def _depth_row(projection: Array, points: Array) -> Array:
 
 def _centre(projection: Array) -> Array:
     """The centre of projection (4,), homogeneous: the vector that the map sends to zero."""
-    minors = [np.linalg.det(np.delete(projection, column, axis=1)) for column in range(4)]
-    centre: Array = np.array(minors) * np.array([1.0, -1.0, 1.0, -1.0])
+    rows = projection / np.maximum(np.linalg.norm(projection, axis=1, keepdims=True), 1e-300)
+    centre: Array = np.linalg.svd(rows)[2][3]
     return centre
 
 

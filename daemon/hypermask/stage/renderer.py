@@ -99,12 +99,12 @@ class StageRenderer:
 
         projector_from_mask: (3, 4) from mask metres to projector pixels (origin in the centre of
         the top left pixel), any scale; brightness: 0..1, times every pixel value.
-        Raises `DataError` STAGE-KEY, STAGE-MESH. Numbers that are not finite give a black frame,
-        and `DataError` STAGE-NAN for the first of such frames in a row.
+        Raises `DataError` STAGE-KEY, STAGE-MESH, and the frame is black. Numbers that are not
+        finite give a black frame too, and STAGE-NAN for the first of such frames in a row.
         """
-        visible = self._visible(items, brightness)
         with self._context:
-            self._clear(framebuffer)
+            self._clear(framebuffer)  # first, so that after any error the frame is black
+            visible = self._visible(items, brightness)
             if not visible:
                 return
             parts = [part for item in visible for part in item.positions]

@@ -38,7 +38,7 @@ class MaskFade:
         self._updated_s = time_s
         unseen = np.inf if last_seen_s is None else time_s - last_seen_s
         if unseen > settings.mask_lost_after_s:
-            lost_for = passed
+            lost_for = min(passed, unseen - settings.mask_lost_after_s)
             self._phase = max(self._phase - lost_for / settings.fade_out_s, 0.0)
         else:
             self._phase = min(self._phase + passed / settings.fade_in_s, 1.0)

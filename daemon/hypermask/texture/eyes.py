@@ -36,16 +36,20 @@ def _eye(texture: Image, centre: NDArray[np.float64], outline: tuple[int, ...]) 
     places = regions.to_texels(np.stack([x + centre[0], y + centre[1]], -1).reshape(-1, 2))
     place = places.reshape(HEIGHT, WIDTH, 2).astype(np.float32)
     opening = regions.grow(regions.polygon(outline), -0.8)
-    photo = cv2.remap(texture, place, None, cv2.INTER_LINEAR).astype(np.float32)  # type: ignore[call-overload]
-    seen = cv2.remap(opening, place, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+    photo = _sample(texture.astype(np.float32), place)
+    seen = _sample(opening, place)
     middle = _iris_centre(photo, seen)
     radius = np.hypot(x - middle[0], y - middle[1]).astype(np.float32)
     white = _white(photo, seen, radius, x)
     iris = _iris(photo, seen, radius, y - middle[1])
     inside = 1 - regions.ramp(radius, IRIS_MM - 0.5, IRIS_MM + 0.4)[..., None]
     whole = white * (1 - inside) + iris * inside
-    keep = cv2.GaussianBlur(np.asarray(seen), (0, 0), 2)[..., None] * 0.85
-    return np.clip(photo * keep + whole * (1 - keep), 0, 255).astype(np.uint8)
+    keep = cv2.GaussianBlur(seen, (0, 0), 2)[..., None] * 0.85
+    return np.asarray(np.clip(photo * keep + whole * (1 - keep), 0, 255), np.uint8)
+
+
+def _sample(image: Map, place: Map) -> Map:
+    return np.asarray(cv2.remap(image, place[..., 0], place[..., 1], cv2.INTER_LINEAR), np.float32)
 
 
 def _grid() -> tuple[Map, Map]:

@@ -7,6 +7,8 @@ proportion to the mean's, carried smoothly outwards from where both are seen.
 
 from __future__ import annotations
 
+import functools
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from hypermask.texture import regions
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
 
-_BORDER_MM = (2.0, 9.0)
+_BORDER_MM = (3.0, 11.0)
 _TESTED_MM = 26.0
 _FOREHEAD_MM = 52.0
 _BEARD_MM = -38.0
@@ -40,19 +42,22 @@ def belief(texture: Image) -> Map:
     middle = np.median(seen, axis=0)
     spread = 1.4826 * np.median(np.abs(seen - middle), axis=0)
     spread = np.maximum(1.5 * spread, _LEAST_SPREAD)
-    strange = (np.square((lab - middle) / spread).sum(axis=2) > _LIMIT**2).astype(np.float32)
-    strange *= _tested()
-    strange = regions.grow(regions.grow(strange, -0.6), 2.6)
+    distance = np.sqrt(np.square((lab - middle) / spread).sum(axis=2)).astype(np.float32)
+    strange = regions.ramp(distance, _LIMIT - 0.5, _LIMIT + 0.5) * _tested()
+    strange = regions.grow(regions.grow(strange, -0.6), 3.6)
     return np.asarray(weight * (1 - regions.soften(strange, 1.5)), np.float32)
 
 
+@functools.cache
 def _tested() -> Map:
     """1 where hair or background can be: near the outline and on the forehead; not on a beard."""
     _, y = regions.grid_mm()
-    near = regions.depth_mm() < _TESTED_MM
-    beard = (y < _BEARD_MM) & (regions.depth_mm() > 5)
-    tested = (near | (y > _FOREHEAD_MM)) & ~beard
-    return np.asarray(tested * (1 - regions.features()), np.float32)
+    depth = regions.depth_mm()
+    near = 1 - regions.ramp(depth, _TESTED_MM - 6, _TESTED_MM + 6)
+    forehead = regions.ramp(y, _FOREHEAD_MM - 4, _FOREHEAD_MM + 4)
+    beard = regions.ramp(-y, -_BEARD_MM - 12, -_BEARD_MM + 12) * regions.ramp(depth, 2, 9)
+    tested = np.maximum(near, forehead) * (1 - beard) * (1 - regions.features(0.4))
+    return np.asarray(tested, np.float32)
 
 
 def fill(texture: Image, weight: Map, mean: Image) -> Image:

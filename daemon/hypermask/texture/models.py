@@ -101,8 +101,8 @@ def _up_to_date(out: Path) -> bool:
 def _download(folder: Path) -> Path:
     """The wheel of one fixed platform, whatever machine this is: its model files are the same."""
     print(f"face models: 1/3 fetching {REQUIREMENT} (36 MB) ...", flush=True)
-    command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", folder]
-    command += ["--only-binary=:all:", "--platform", "manylinux_2_17_x86_64"]
+    command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps"]
+    command += ["--dest", str(folder), "--only-binary=:all:", "--platform", "manylinux_2_17_x86_64"]
     command += ["--python-version", "3.11", "--implementation", "cp", "--abi", "cp311"]
     command += ["--disable-pip-version-check", REQUIREMENT]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

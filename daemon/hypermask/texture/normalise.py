@@ -1,4 +1,4 @@
-"""The normalised texture: the mesh at rest, rendered with the photograph mapped on to it (PAPERS B3)."""
+"""The normalised texture: the mesh at rest with the photograph mapped on to it (PAPERS B3)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.face.mesh import LANDMARKS, even_lips, load_mesh
-from hypermask.face.points import OVAL
+from hypermask.face.points import LIP_COLUMNS, OVAL
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 SIZE = 512
+_LIP_INSET = 0.12
 _PHOTO_EYES_PX = 240.0
 """Larger photographs are scaled down to this distance of the pupils before they are sampled."""
 
@@ -74,7 +75,9 @@ def normalise(photo: NDArray[Any], landmarks: Array, eye_distance: float) -> Ima
     where = texels()
     vertices = _vertices_in_photo(landmarks).astype(np.float32)
     place = np.einsum("ijk,ijkl->ijl", where.weights, vertices[where.corners])
-    sampled = cv2.remap(photo, place, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    sampled = cv2.remap(
+        photo, place[..., 0], place[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
+    )
     return np.asarray(sampled, np.uint8)
 
 
@@ -85,4 +88,12 @@ def _vertices_in_photo(landmarks: Array) -> Array:
     known = np.column_stack([rest[outline], np.ones(len(outline))])
     affine = np.linalg.lstsq(known, landmarks[outline], rcond=None)[0]
     rim = np.column_stack([rest[LANDMARKS:], np.ones(len(rest) - LANDMARKS)]) @ affine
-    return np.concatenate([even_lips(landmarks), rim])
+    return np.concatenate([even_lips(_inside_lips(landmarks)), rim])
+
+
+def _inside_lips(landmarks: Array) -> Array:
+    """The inner outline drawn a little into the lip, so that no teeth come along with it."""
+    outer, _, _, inner = np.array(LIP_COLUMNS).T
+    moved = landmarks.copy()
+    moved[inner] += (landmarks[outer] - landmarks[inner]) * _LIP_INSET
+    return moved

@@ -40,10 +40,15 @@ def load_photo(path: Path) -> Image:
     image = _decode(data, size)
     if image is None:
         raise _format(path, "is damaged and cannot be decoded")
+    return _scaled_down(image)
+
+
+def _scaled_down(image: Image) -> Image:
     scale = WORKING_SIDE / max(image.shape[:2])
-    if scale < 1:
-        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return np.asarray(image, np.uint8)
+    if scale >= 1:
+        return image
+    smaller = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.asarray(smaller, np.uint8)
 
 
 def _read(path: Path) -> bytes:
@@ -118,8 +123,13 @@ def _header_size(data: bytes) -> Size | None:
     return None
 
 
+def _pair(layout: str, data: bytes, offset: int) -> Size:
+    width, height = struct.unpack_from(layout, data, offset)
+    return int(width), int(height)
+
+
 def _png(data: bytes) -> Size | None:
-    return struct.unpack(">II", data[16:24]) if data[12:16] == b"IHDR" else None  # type: ignore[return-value]
+    return _pair(">II", data, 16) if data[12:16] == b"IHDR" else None
 
 
 def _jpeg(data: bytes) -> Size | None:
@@ -186,7 +196,7 @@ def _pnm(data: bytes) -> Size | None:
 
 
 def _gif(data: bytes) -> Size | None:
-    return struct.unpack_from("<HH", data, 6)  # type: ignore[return-value]
+    return _pair("<HH", data, 6)
 
 
 def _jpeg2000(data: bytes) -> Size | None:
@@ -197,7 +207,7 @@ def _jpeg2000(data: bytes) -> Size | None:
 
 def _avif(data: bytes) -> Size | None:
     place = data.index(b"ispe", 0, 65536)
-    return struct.unpack_from(">II", data, place + 8)  # type: ignore[return-value]
+    return _pair(">II", data, place + 8)
 
 
 _READERS = tuple(

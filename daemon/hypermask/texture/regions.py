@@ -83,11 +83,11 @@ def cheeks() -> Map:
 
 
 @functools.cache
-def features() -> Map:
-    """Eyes, brows, nostrils and lips with a margin: never skin colour, always from the photograph."""
+def features(margin: float = 1.0) -> Map:
+    """Eyes, brows, nostrils and lips with a margin (1: some mm): never skin, always the photograph's."""
     outlines = (LEFT_EYE, RIGHT_EYE, LEFT_BROW, RIGHT_BROW, LIPS_OUTER, _NOSTRILS)
     margins = (6.0, 6.0, 4.0, 4.0, 4.0, 2.0)
-    grown = [grow(polygon(o), m) for o, m in zip(outlines, margins, strict=True)]
+    grown = [grow(polygon(o), m * margin) for o, m in zip(outlines, margins, strict=True)]
     return np.asarray(np.max(grown, axis=0), np.float32)
 
 

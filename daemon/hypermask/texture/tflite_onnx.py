@@ -73,7 +73,7 @@ class _Converter:
 
     def _kind(self, operator: Any) -> str:
         code = self.model.OperatorCodes(operator.OpcodeIndex())
-        return self.operator_names[max(code.BuiltinCode(), code.DeprecatedBuiltinCode())]
+        return str(self.operator_names[max(code.BuiltinCode(), code.DeprecatedBuiltinCode())])
 
     def _shape(self, index: int) -> list[int]:
         return [int(size) for size in self.graph.Tensors(index).ShapeAsNumpy()]
@@ -141,9 +141,7 @@ class _Converter:
         weights = self._value(operator.Inputs(1)).transpose(3, 0, 1, 2)
         self._convolution(operator, options, weights, weights.shape[0])
 
-    def _convolution(
-        self, operator: Any, options: Any, weights: NDArray[Any], groups: int
-    ) -> None:
+    def _convolution(self, operator: Any, options: Any, weights: NDArray[Any], groups: int) -> None:
         output = self._name(operator.Outputs(0))
         kernel = [int(size) for size in weights.shape[2:]]
         strides = [options.StrideH(), options.StrideW()]
@@ -218,9 +216,7 @@ class _Converter:
         self._add_node("PRelu", names, output)
 
     def _relu(self, operator: Any) -> None:
-        self._add_node(
-            "Relu", [self._name(operator.Inputs(0))], self._name(operator.Outputs(0))
-        )
+        self._add_node("Relu", [self._name(operator.Inputs(0))], self._name(operator.Outputs(0)))
 
     def _add(self, operator: Any) -> None:
         options = self._options(operator, self.tflite.AddOptions)

@@ -34,28 +34,22 @@ def assign(
     blobs: Blobs,
     owners: NDArray[np.int64],
     projected: Array,
-    jacobian: Array,
-    covariance: Array,
+    spread: Array,
     peaks: Array,
     settings: AssignSettings,
 ) -> NDArray[np.int64]:
     """(5,) index of each LED's blob, -1 where none.
 
-    owners: (n,) window (= LED) of each blob; projected: (5, 2); jacobian: (5, 2, 6); peaks: (5,)
-    the LEDs' usual brightness in grey levels.
+    owners: (n,) window (= LED) of each blob; projected: (5, 2); spread: (10, 10) J P J', px^2;
+    peaks: (5,) the LEDs' usual brightness in grey levels.
     """
-    count = len(projected)
-    none = np.full(count, -1, np.int64)
     if not len(owners):
-        return none
-    flat = jacobian.reshape(-1, 6)
-    innovation = flat @ (settings.prediction_inflation * covariance) @ flat.T
-    if len(owners) == count and (owners == np.arange(count)).all():
-        cost = _distance(
-            (blobs.points - projected).reshape(1, -1), innovation, blobs.sigmas, settings
-        )
-        if cost[0] <= settings.joint_gate:
-            return np.arange(count)
+        return np.full(len(projected), -1, np.int64)
+    innovation = settings.prediction_inflation * spread
+    if owners.tolist() == list(range(len(projected))):
+        offsets = (blobs.points - projected).reshape(1, -1)
+        if _distance(offsets, innovation, blobs.sigmas, settings)[0] <= settings.joint_gate:
+            return owners
     return _best_combination(blobs, owners, projected, innovation, peaks, settings)
 
 

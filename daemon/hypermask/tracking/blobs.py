@@ -122,24 +122,22 @@ def centroids(image: Image, seeds: Array, noise_grey: float) -> Blobs:
     height, width = image.shape
     widths = np.minimum(np.maximum(seeds[:, 2], _MIN_WIDTH), _MAX_WIDTH)
     half = min(math.ceil(2.5 * float(widths.max())) + 1, (min(height, width) - 1) // 2)
-    offsets, grid, sides = _patch(half, width)
-    base = np.rint(seeds[:, :2]).astype(np.int64)
-    base[:, 0] = np.minimum(np.maximum(base[:, 0], half), width - 1 - half)
-    base[:, 1] = np.minimum(np.maximum(base[:, 1], half), height - 1 - half)
-    patches = image.take((base[:, 1] * width + base[:, 0])[:, None] + offsets).astype(float)
+    offsets, grid, sides, limit = _patch(half, width, height)
+    base = np.minimum(np.maximum(np.rint(seeds[:, :2]), half), limit)
+    corner = (base @ np.array([1.0, width])).astype(np.int64)
+    patches = image.take(corner[:, None] + offsets).astype(float)
     patches -= (patches @ sides).min(axis=1)[:, None]
-    size = 2 * half + 1
-    values = patches.reshape(-1, size, size)
-    centre = seeds[:, :2] - base
-    exponent = -0.5 / (widths * widths)
-    for step in range(2):
-        moments = _moments(values, grid, centre, exponent, 2 if step < 1 else 3)
-        total = np.maximum(moments[:, 0, 0], 1e-9)
-        shift = np.stack([moments[:, 0, 1], moments[:, 1, 0]], axis=1) * (2.0 / total)[:, None]
-        centre = centre + np.minimum(np.maximum(shift, -1.5), 1.5)
     peaks = patches.max(axis=1)
+    values = patches.reshape(-1, 2 * half + 1, 2 * half + 1)
+    centre = seeds[:, :2] - base
+    exponent = (-0.5 / (widths * widths))[:, None, None]
+    for order in (2, 3):
+        moments = _moments(values, grid, centre, exponent, order)
+        total = np.maximum(moments[:, 0, 0], 1e-9)
+        shift = moments[:, [0, 1], [1, 0]] * (2.0 / total)[:, None]
+        centre += np.minimum(np.maximum(shift, -1.5), 1.5)
     points = centre + base
-    sigmas = _sigmas(moments / total[:, None, None], shift, widths, peaks, noise_grey)
+    sigmas = _sigmas(moments, total, shift, widths, peaks, noise_grey)
     return Blobs(points, peaks, widths, np.hypot(sigmas, _pull(points, widths, peaks)))
 
 
@@ -148,43 +146,47 @@ def _pull(points: Array, widths: Array, peaks: Array) -> Array:
     place = points[:, 0] + 1j * points[:, 1]
     distance = np.abs(place[:, None] - place)
     reach = distance / (2 * widths)[:, None]
-    pull = distance * np.exp(-reach * reach) * peaks
-    pulled: Array = pull.sum(axis=1) / np.maximum(peaks, 1.0)
+    pull = distance * np.exp(-reach * reach)
+    pulled: Array = (pull @ peaks) / np.maximum(peaks, 1.0)
     return pulled
 
 
 def _moments(values: Array, grid: Array, centre: Array, exponent: Array, order: int) -> Array:
     """(n, order, order): weighted moments [y power, x power] about `centre`."""
     away = grid - centre[:, :, None]  # (n, 2, size)
-    weight = np.exp(away * away * exponent[:, None, None])
-    powers = [weight, weight * away]
-    if order == 3:
-        powers.append(powers[1] * away)
-    basis = np.stack(powers, axis=-1)  # (n, 2, size, order)
+    basis = np.empty((*away.shape, order))
+    np.exp(away * away * exponent, out=basis[..., 0])
+    for power in range(1, order):
+        np.multiply(basis[..., power - 1], away, out=basis[..., power])
     moments: Array = basis[:, 1].swapaxes(-1, -2) @ (values @ basis[:, 0])
     return moments
 
 
-def _sigmas(moments: Array, shift: Array, widths: Array, peaks: Array, noise_grey: float) -> Array:
+def _sigmas(
+    moments: Array, total: Array, shift: Array, widths: Array, peaks: Array, noise_grey: float
+) -> Array:
     """Standard deviation of each centroid; an elongated blob (half hidden, two in one) or one
     that did not settle is trusted less."""
-    variance = widths * widths / 2  # of blob times window, when both have this width
-    elongation = np.hypot(moments[:, 0, 2] - moments[:, 2, 0], 2 * moments[:, 1, 1]) / variance
-    odd = np.maximum(elongation - 0.25, 0) * widths + 0.5 * np.hypot(shift[:, 0], shift[:, 1])
+    across = moments[:, 0, 2] - moments[:, 2, 0]
+    # Relative to the variance of blob times window, when both have this width: widths^2 / 2.
+    elongation = np.hypot(across, 2 * moments[:, 1, 1]) / (0.5 * widths * widths * total)
+    odd = np.maximum(elongation - 0.25, 0) * widths + 0.5 * np.abs(shift).max(axis=1)
     noise = 0.8 * noise_grey / np.maximum(peaks, 1.0)
     sigmas: Array = np.sqrt(_SIGMA_FLOOR_PX**2 + noise * noise + odd * odd)
     return sigmas
 
 
 @lru_cache(maxsize=64)
-def _patch(half: int, width: int) -> tuple[NDArray[np.int64], Array, Array]:
-    """Flat offsets of a square patch, its coordinates, and the averages over its four sides."""
+def _patch(half: int, width: int, height: int) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Flat offsets of a square patch, its coordinates, the averages over its four sides, and the
+    largest coordinates its middle may have."""
     grid = np.arange(-half, half + 1)
     size = len(grid)
     offsets = (grid[:, None] * width + grid).reshape(-1)
     sides = np.zeros((size, size, 4))
     sides[0, :, 0] = sides[-1, :, 1] = sides[:, 0, 2] = sides[:, -1, 3] = 1 / size
-    return offsets, grid.astype(float), sides.reshape(-1, 4)
+    limit = np.array([width - 1.0 - half, height - 1.0 - half])
+    return offsets, grid.astype(float), sides.reshape(-1, 4), limit
 
 
 def _add_seeds(

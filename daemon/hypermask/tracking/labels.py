@@ -33,13 +33,18 @@ class LabelSettings(Settings):
     min_distance_m: float = Field(0.6, gt=0)
     max_distance_m: float = Field(4.2, gt=0)
     max_tilt_deg: float = Field(68.0, gt=0, lt=90)
-    max_rms_px: float = Field(0.5, gt=0)
+    max_rms_px: float = Field(0.3, gt=0)
     # Another reading of the picture must fit this many times worse.
     unique_ratio: float = Field(3.0, ge=1)
+    max_quadrilaterals: int = Field(250, ge=1)
     max_hypotheses: int = Field(64, ge=1)
-    # Four LEDs have little redundancy: only without clutter are they taken for the mask.
-    max_blobs_for_four: int = Field(6, ge=4)
-    max_rms_four_px: float = Field(0.25, gt=0)
+    # Four LEDs have little redundancy: only where there is hardly any clutter are they taken for
+    # the mask, or where it was seen a moment ago, turned much the same way.
+    max_blobs_for_four: int = Field(5, ge=4)
+    max_blobs_for_four_near: int = Field(7, ge=4)
+    near_m: float = Field(0.45, gt=0)
+    near_turn_rad: float = Field(0.8, gt=0)
+    max_rms_four_px: float = Field(0.15, gt=0)
 
 
 @dataclass(frozen=True)
@@ -83,21 +88,36 @@ def label_blobs(
         settings,
         settings.max_rms_px,
     )
-    best = _choose(found, settings, prior)
-    if best is not None or found or len(points) > settings.max_blobs_for_four:
-        return best
-    four = _three_and_label(points, leds, camera, settings)
-    found = _judge(four, points, leds, camera, settings, settings.max_rms_four_px)
+    if found:
+        return _choose(found, settings, prior)
+    return _label_four(points, leds, camera, settings, prior)
+
+
+def _label_four(
+    points: Array, leds: Array, camera: Pinhole, settings: LabelSettings, prior: Pose | None
+) -> Labelling | None:
+    """Three corners and the label; near a recent pose also the four corners."""
+    here = np.arange(len(points))
+    most = settings.max_blobs_for_four
     if prior is not None:
-        found += _judge(
-            _near(quads, points, leds, camera, prior),
-            points,
-            leds,
-            camera,
-            settings,
-            settings.max_rms_four_px,
-        )
-    return _choose(found, settings, prior)
+        reach = settings.near_m * camera.matrix[0, 0] / max(float(prior.translation[2]), 0.1)
+        middle = camera.project(prior.translation)
+        here = np.flatnonzero(np.abs(_complex(points - middle)) < reach)
+        most = settings.max_blobs_for_four_near
+    if not 4 <= len(here) <= most:
+        return None
+    hypotheses = [_three_and_label(points[here], leds, camera, settings)]
+    if prior is not None:
+        quads = _quadrilaterals(points[here], leds, camera, settings)
+        hypotheses.append(_without_label(quads, points[here], leds, camera))
+        hypotheses = [_turned_like(h, prior, settings) for h in hypotheses]
+    found: list[Labelling] = []
+    for h in hypotheses:
+        found += _judge(h, points[here], leds, camera, settings, settings.max_rms_four_px)
+    best = _choose(sorted(found, key=lambda x: x.rms_px), settings, prior)
+    if best is None:
+        return None
+    return Labelling(np.where(best.blobs < 0, -1, here[best.blobs]), best.pose, best.rms_px)
 
 
 def _quadrilaterals(points: Array, leds: Array, camera: Pinhole, settings: LabelSettings) -> Index:
@@ -124,6 +144,9 @@ def _quadrilaterals(points: Array, leds: Array, camera: Pinhole, settings: Label
     area = np.abs(turn) > 0.25 * np.abs(z[c] - z[a]) * np.abs(z[d] - z[b])
     b, d = np.where(turn > 0, b, d), np.where(turn > 0, d, b)
     quads = np.stack([a, b, c, d], axis=1)[area]
+    if len(quads) > settings.max_quadrilaterals:
+        miss = (gap2[i, k] / (tolerance[i] * tolerance[k]))[apart][area]
+        quads = quads[np.argsort(miss, kind="stable")[: settings.max_quadrilaterals]]
     return np.concatenate([np.roll(quads, shift, axis=1) for shift in range(4)])
 
 
@@ -344,11 +367,15 @@ def _three_and_label(
     return _Hypotheses(blobs[real], with_label.rotation[real], with_label.translation[real])
 
 
-def _near(quads: Index, points: Array, leds: Array, camera: Pinhole, prior: Pose) -> _Hypotheses:
-    """Four corners without the label, close to a recent attitude (0.6 rad)."""
+def _without_label(quads: Index, points: Array, leds: Array, camera: Pinhole) -> _Hypotheses:
+    """Four corners, the label hidden."""
     rotation, translation = weak_perspective(points[quads], leds, camera)
-    turn = (np.trace(rotation @ prior.rotation.T, axis1=1, axis2=2) - 1) / 2
-    close = turn > np.cos(0.6)
-    blobs = np.concatenate([quads, quads])[close]
+    blobs = np.concatenate([quads, quads])
     hidden = np.full((len(blobs), 1), -1)
-    return _Hypotheses(np.concatenate([blobs, hidden], axis=1), rotation[close], translation[close])
+    return _Hypotheses(np.concatenate([blobs, hidden], axis=1), rotation, translation)
+
+
+def _turned_like(h: _Hypotheses, prior: Pose, settings: LabelSettings) -> _Hypotheses:
+    cosine = (np.trace(h.rotation @ prior.rotation.T, axis1=1, axis2=2) - 1) / 2
+    close = cosine > np.cos(settings.near_turn_rad)
+    return _Hypotheses(h.blobs[close], h.rotation[close], h.translation[close])

@@ -35,8 +35,8 @@ MOTION = np.dtype(
         ("rotation", np.float64, (3, 3)),  # latest measured pose
         ("translation", np.float64, (3,)),
         ("measured_covariance", np.float64, (6, 6)),
-        ("drive", np.float64, (6,)),  # how strongly the performer moves now, 1 = as the model
-        ("evidence", np.float64, (2, 6)),  # running sums behind `drive`
+        ("log_drive", np.float64, (6,)),  # how strongly the performer moves now, 0 = as the model
+        ("log_drive_variance", np.float64, (6,)),
         ("default", estimate_dtype(DEFAULT_STATES)),
         ("kalman", estimate_dtype(KALMAN_STATES)),
     ]
@@ -46,10 +46,10 @@ MOTION = np.dtype(
 class MotionSettings(Settings):
     """How the filter follows a performer who moves more or less than the recorded ones."""
 
-    memory_s: float = Field(default=0.2, gt=0)  # of the strength of the movement
-    caution: float = Field(default=4.0, gt=0)  # the model's own strength, in measurements
-    weakest: float = Field(default=0.1, gt=0)  # bounds of the drive, as a ratio of variances
-    strongest: float = Field(default=30.0, gt=0)
+    drive_spread: float = Field(default=2.0, gt=0)  # of ln(drive), a ratio of variances
+    drive_time_s: float = Field(default=1.2, gt=0)  # in which the drive changes
+    sensitivity: float = Field(default=0.4, gt=0, le=1)
+    largest_surprise: float = Field(default=30.0, gt=1)  # in variances; bounds one outlier's say
     restart_after_s: float = Field(default=1.0, gt=0)
 
 
@@ -96,13 +96,13 @@ class MotionFilter:
     def _begin(self, pose: Pose, covariance: Array) -> None:
         record = self._record
         record["samples"], record["interval_s"] = 0, 0
-        record["drive"], record["evidence"] = 1, 0
+        record["log_drive"], record["log_drive_variance"] = 0, self.settings.drive_spread**2
         begin(record["default"], self._models.default, pose, covariance)
         begin(record["kalman"], self._models.kalman, pose, covariance)
 
     def _follow(self, step: float, pose: Pose, covariance: Array) -> None:
         record, models = self._record, self._models
-        advance(record["default"], models.default, step, record["drive"])
+        advance(record["default"], models.default, step, np.exp(record["log_drive"]))
         innovation, predicted = correct(record["default"], pose, covariance)
         self._judge_drive(step, innovation, predicted, np.diagonal(covariance))
         advance(record["kalman"], models.kalman, step, _ONES)
@@ -110,19 +110,23 @@ class MotionFilter:
         record["interval_s"] = step
 
     def _judge_drive(self, step: float, innovation: Array, predicted: Array, noise: Array) -> None:
-        """Compare the innovations with what the model expects of them (covariance matching).
+        """Track the logarithm of the drive by the likelihood of the innovations.
 
-        A measurement counts as far as the movement, not its own noise, makes its innovation.
+        It is a process that reverts to 0 (the model's own drive); each innovation of variance S
+        adds the score and the Fisher information of the log-likelihood, with
+        d ln(S - noise) / d ln(drive) = `sensitivity`.
         """
         record, settings = self._record, self.settings
-        unit = predicted / record["drive"]
-        weight = (predicted / (predicted + noise)) ** 2
-        evidence = record["evidence"] * np.exp(-step / settings.memory_s)
-        evidence[0] += weight * (innovation**2 - noise) / unit
-        evidence[1] += weight
-        record["evidence"] = evidence
-        drive = (settings.caution + evidence[0]) / (settings.caution + evidence[1])
-        record["drive"] = np.clip(drive, settings.weakest, settings.strongest)
+        kept = float(np.exp(-step / settings.drive_time_s))
+        variance = record["log_drive_variance"] * kept**2
+        variance += (1 - kept**2) * settings.drive_spread**2
+        expected = predicted + noise
+        slope = 0.5 * settings.sensitivity * predicted / expected
+        surprise = np.minimum(innovation**2 / expected, settings.largest_surprise)
+        variance /= 1 + variance * 2 * slope**2
+        log_drive = record["log_drive"] * kept + variance * slope * (surprise - 1)
+        record["log_drive"] = np.clip(log_drive, _WEAKEST, _STRONGEST)
+        record["log_drive_variance"] = variance
 
     def predict(self, time_s: float) -> PredictedPose:
         """The pose at `time_s`. Raises `ValueError` before the first measurement."""
@@ -142,7 +146,8 @@ def predict(
     """The pose at `time_s` from a record alone.
 
     mode: "default", "kalman" (constant velocity), or "off" (the latest measured pose held).
-    A time before the latest measurement is reached back to over one interval, 10 ms at most.
+    A time before the latest measurement is reached back to over one interval, 10 ms at most,
+    and one long after it ahead over half a second.
     Raises `ValueError` for a record without a measurement or an unknown mode.
     """
     if not record["samples"]:
@@ -154,11 +159,14 @@ def predict(
         return PredictedPose(pose, record["measured_covariance"].copy())
     models = models or parameters()
     model = models.default if mode == "default" else models.kalman
-    drive = record["drive"] if mode == "default" else _ONES
-    step = max(time_s - float(record["time_s"]), -min(float(record["interval_s"]), _BACK_S))
+    drive = np.exp(record["log_drive"]) if mode == "default" else _ONES
+    back = min(float(record["interval_s"]), _BACK_S)
+    step = min(max(time_s - float(record["time_s"]), -back), _AHEAD_S)
     pose, covariance = extrapolate(record[mode], model, step, drive)
     return PredictedPose(pose, covariance)
 
 
 _ONES = np.ones(6)
 _BACK_S = 0.01
+_AHEAD_S = 0.5
+_WEAKEST, _STRONGEST = np.log(1e-3), np.log(100.0)

@@ -26,6 +26,7 @@ PRIOR_INFLATION = 9.0
 """The prediction's covariance is multiplied by this before it serves as a prior: it shall hold
 what too few LEDs leave open, not smooth what the LEDs say (the motion filter does that, once)."""
 
+_NO_TURN = np.zeros(3)
 _ITERATIONS = 8
 # Squared step (rad, m) after which the next would move no LED by 0.01 px: it is quadratic.
 _CONVERGED = 1e-5
@@ -78,6 +79,17 @@ def project_with_jacobian(
     return points, jacobian
 
 
+def project_leds(pose: Pose, leds: Array, camera: Pinhole) -> tuple[Array, Array]:
+    """Like `project_with_jacobian` for one pose: points (n, 2), derivative (2 n, 6).
+
+    OpenCV does it in one call: its derivative by the rotation vector, taken at zero for points
+    already turned, is the derivative by a small rotation.
+    """
+    arms = leds @ pose.rotation.T
+    points, jacobian = cv2.projectPoints(arms, _NO_TURN, pose.translation, camera.matrix, None)
+    return points.reshape(-1, 2), jacobian[:, :6]
+
+
 def small_rotation(w: NDArray[Any]) -> Array:
     """exp of the rotation vector w[:3], radians (Rodrigues), in plain floats: w is that small."""
     x, y, z = float(w[0]), float(w[1]), float(w[2])
@@ -115,13 +127,13 @@ def solve_pose(
     weights = (1.0 / (sigma * sigma)).repeat(2)
     if prior is None:
         start = sqpnp(points, leds, camera) if count >= 4 else None
-        return None if start is None else _refine(start, points, leds, camera, weights, None, None)
+        return None if start is None else _refine(start, points, leds, camera, weights)
     if count == 0:
         return None
     information = None
     if count < 5:
         information = np.linalg.inv(PRIOR_INFLATION * prior.covariance)
-    return _refine(prior.pose, points, leds, camera, weights, prior.pose, information)
+    return _refine(prior.pose, points, leds, camera, weights, information)
 
 
 def estimate_at(
@@ -130,7 +142,20 @@ def estimate_at(
     """Pose by the points alone, from a start close to it; arguments as in `solve_pose`."""
     seen = ~np.isnan(points[:, 0])
     weights = (1.0 / np.square(sigmas[seen])).repeat(2)
-    return _refine(start, points[seen], leds[seen], camera, weights, None, None)
+    return _refine(start, points[seen], leds[seen], camera, weights)
+
+
+def solve_all(
+    start: Pose,
+    projected: tuple[Array, Array],
+    points: Array,
+    leds: Array,
+    camera: Pinhole,
+    sigmas: Array,
+) -> PoseEstimate | None:
+    """Pose with every LED seen; `projected` is `project_leds` of the start, known already."""
+    weights = (1.0 / (sigmas * sigmas)).repeat(2)
+    return _refine(start, points, leds, camera, weights, None, projected)
 
 
 def sqpnp(points: Array, leds: Array, camera: Pinhole) -> Pose | None:
@@ -147,24 +172,24 @@ def sqpnp(points: Array, leds: Array, camera: Pinhole) -> Pose | None:
 
 
 def _refine(
-    start: Pose,
+    pose: Pose,
     points: Array,
     leds: Array,
     camera: Pinhole,
     weights: Array,
-    prior: Pose | None,
-    information: NDArray[Any] | None,
+    information: NDArray[Any] | None = None,
+    projected: tuple[Array, Array] | None = None,
 ) -> PoseEstimate | None:
-    rotation, translation = start.rotation, start.translation
-    offset = np.zeros(6)  # from the prior; small, so that rotation vectors may be added
+    """Gauss-Newton from `pose`; with `information` (6, 6) that pose is also a measurement."""
+    offset = np.zeros(6)  # from the start; small, so that rotation vectors may be added
     for _ in range(_ITERATIONS):
-        projected, jacobian = project_with_jacobian(rotation, translation, leds, camera)
-        residual = (points - projected).reshape(-1)
-        flat = jacobian.reshape(-1, 6)
-        weighted = flat.T * weights
-        normal = weighted @ flat
+        place, jacobian = projected or project_leds(pose, leds, camera)
+        projected = None
+        residual = (points - place).reshape(-1)
+        weighted = jacobian.T * weights
+        normal = weighted @ jacobian
         gradient = weighted @ residual
-        if information is not None and prior is not None:
+        if information is not None:
             normal += information
             gradient -= information @ offset
         try:
@@ -175,16 +200,13 @@ def _refine(
         if not size2 < 1.0:
             return None
         offset += step
-        rotation = small_rotation(step) @ rotation
-        translation = translation + step[3:]
-        if translation[2] < 0.1:
+        pose = Pose(small_rotation(step) @ pose.rotation, pose.translation + step[3:])
+        if pose.translation[2] < 0.1:
             return None
         if size2 < _CONVERGED:
             break
-    residual -= flat @ step  # exact enough: the last step was tiny
+    residual -= jacobian @ step  # exact enough: the last step was tiny
     squares = residual * residual
     residuals = np.sqrt(squares[0::2] + squares[1::2])
     rms = math.sqrt(float(squares.sum()) / len(points))
-    return PoseEstimate(
-        Pose(rotation, translation), np.asarray(np.linalg.inv(normal), float), rms, residuals
-    )
+    return PoseEstimate(pose, np.asarray(np.linalg.inv(normal), float), rms, residuals)

@@ -24,7 +24,8 @@ from hypermask.tracking.labels import LabelSettings, label_blobs
 from hypermask.tracking.pose import (
     PoseEstimate,
     estimate_at,
-    project_with_jacobian,
+    project_leds,
+    solve_all,
     solve_pose,
 )
 
@@ -53,6 +54,8 @@ class TrackerSettings(Settings):
     # Frames in a row whose LEDs do not agree with each other.
     max_bad_frames: int = Field(4, ge=1)
     max_rms_px: float = Field(0.6, gt=0)
+    # Five blobs that one pose explains to this need no further test.
+    agreed_px: float = Field(0.25, gt=0)
     # A single LED further than this from where the pose by all has it is not the LED.
     max_residual_px: float = Field(0.7, gt=0)
     min_window_px: float = Field(6.0, gt=0)
@@ -76,11 +79,11 @@ class TrackResult:
 
 @dataclass
 class _Candidate:
-    """The frames of one candidate so far: times, estimates, points."""
+    """The frames of one candidate so far; complete: all LEDs were seen in one of them."""
 
     times: list[float] = field(default_factory=list)
     estimates: list[PoseEstimate] = field(default_factory=list)
-    needed: int = 3
+    complete: bool = False
 
 
 class Tracker:
@@ -101,6 +104,7 @@ class Tracker:
         self._candidate = _Candidate()
         self._peaks = np.full(len(self.leds), 255.0)
         self._widths = np.full(len(self.leds), 1.5)
+        self._limit: Array = np.array([*camera.size, *camera.size], float)
         self._last_pose: Pose | None = None
         self._last_seen = self._last_two = self._last_three = -math.inf
         self._bad_frames = 0
@@ -140,26 +144,21 @@ class Tracker:
     def _follow(self, image: Image, time_s: float, sequence: int) -> TrackResult | None:
         """One locked frame; None when the lock was let go and the frame must be searched."""
         prediction = self.motion.predict(time_s)
-        projected, jacobian = project_with_jacobian(
-            prediction.pose.rotation, prediction.pose.translation, self.leds, self.camera
-        )
-        windows = self._windows(projected, jacobian, prediction)
+        projected, jacobian = project_leds(prediction.pose, self.leds, self.camera)
+        spread = jacobian @ prediction.covariance @ jacobian.T
+        windows = self._windows(projected, spread)
         blobs, owners = find_blobs_in(
             image, windows, self._peaks, self._widths, self.settings.blobs
         )
-        chosen = assign(
-            blobs,
-            owners,
-            projected,
-            jacobian,
-            prediction.covariance,
-            self._peaks,
-            self.settings.assign,
-        )
-        points, sigmas = _spread(blobs, chosen)
-        estimate = self._solve(points, sigmas, prediction)
+        points, estimate = self._all_agree(prediction.pose, (projected, jacobian), blobs, owners)
+        if estimate is None:
+            chosen = assign(blobs, owners, projected, spread, self._peaks, self.settings.assign)
+            points, sigmas = _spread(blobs, chosen)
+            estimate = self._solve(points, sigmas, prediction)
+        else:
+            chosen = owners
         seen = ~np.isnan(points[:, 0])
-        if not self._keeps(estimate, prediction, int(np.count_nonzero(seen)), time_s):
+        if not self._keeps(estimate, int(np.count_nonzero(seen)), time_s):
             self._release()
             return None
         if estimate is None:
@@ -188,26 +187,33 @@ class Tracker:
         points[np.flatnonzero(~np.isnan(points[:, 0]))[worst]] = np.nan
         return self._solve(points, sigmas, prediction)
 
-    def _windows(
-        self, projected: Array, jacobian: Array, prediction: PredictedPose
-    ) -> NDArray[np.int64]:
+    def _all_agree(
+        self, start: Pose, projected: tuple[Array, Array], blobs: Blobs, owners: NDArray[np.int64]
+    ) -> tuple[Array, PoseEstimate | None]:
+        """The usual frame: one blob in each window, and one pose that explains all of them so
+        well that nothing else need be asked."""
+        if owners.tolist() != list(range(len(self.leds))):
+            return blobs.points, None
+        estimate = solve_all(start, projected, blobs.points, self.leds, self.camera, blobs.sigmas)
+        if estimate is not None and estimate.residuals_px.max() > self.settings.agreed_px:
+            estimate = None
+        return blobs.points, estimate
+
+    def _windows(self, projected: Array, spread: Array) -> NDArray[np.int64]:
         """(5, 4) windows that hold each LED with its skirt, 4 sigma of the prediction wide."""
-        variance = (jacobian @ prediction.covariance * jacobian).sum(-1)
-        half = 4.0 * np.sqrt(variance) + (3.0 * self._widths + 2.0)[:, None]
-        half = np.minimum(
-            np.maximum(half, self.settings.min_window_px), self.settings.max_window_px
-        )
+        s = self.settings
+        deviation = np.sqrt(spread.diagonal()).reshape(-1, 2)
+        half = 4.0 * deviation + (3.0 * self._widths + 2.0)[:, None]
+        half = np.minimum(np.maximum(half, s.min_window_px), s.max_window_px)
         windows = np.empty((len(projected), 4))
         windows[:, :2] = projected - half
-        windows[:, 2:] = projected + half + 1.0
-        width, height = self.camera.size
-        limit = np.array([width, height, width, height])
-        bounded: NDArray[np.int64] = np.clip(np.rint(windows), 0, limit).astype(np.int64)
+        windows[:, 2:] = projected + (half + 1.0)
+        bounded: NDArray[np.int64] = np.minimum(np.maximum(windows, 0.0), self._limit).astype(
+            np.int64
+        )
         return bounded
 
-    def _keeps(
-        self, estimate: PoseEstimate | None, prediction: PredictedPose, count: int, time_s: float
-    ) -> bool:
+    def _keeps(self, estimate: PoseEstimate | None, count: int, time_s: float) -> bool:
         """Whether the lock still deserves trust after this frame."""
         s = self.settings
         if estimate is not None:
@@ -283,13 +289,12 @@ class Tracker:
         candidate = self._candidate
         if candidate.times and (self._stale(time_s) or not self._follows(time_s, estimate)):
             candidate = self._candidate = _Candidate()
-        needed = s.confirm_frames if count == 5 else s.confirm_frames_four
-        candidate.needed = max(candidate.needed, needed) if candidate.times else needed
-        if count == 5:
-            candidate.needed = s.confirm_frames
+        candidate.complete |= count == len(self.leds)
         candidate.times.append(time_s)
         candidate.estimates.append(estimate)
-        if len(candidate.times) < candidate.needed:
+        if len(candidate.times) < (
+            s.confirm_frames if candidate.complete else s.confirm_frames_four
+        ):
             return
         self.motion.reset()
         for when, sighting in zip(candidate.times, candidate.estimates, strict=True):

@@ -13,7 +13,7 @@ from hypermask.voice import network
 from hypermask.voice.examples import RECIPES
 from hypermask.voice.lpc import cepstra
 from hypermask.voice.shapes import SHAPE_NAMES, nearest_shape
-from hypermask.voice.vowels import read_table, read_vowel
+from hypermask.voice.vowels import one_each, read_table, read_vowel
 
 _GROUPS = {"m": "men", "w": "women", "b": "boys", "g": "girls"}
 
@@ -32,7 +32,7 @@ def evaluate(csv_path: Path, model: str = "default") -> dict[str, Any]:
             "VOICE-MODEL", f"there is no voice model '{model}'", f"Choose {' or '.join(RECIPES)}."
         )
     net = network.shipped(model)
-    rows = read_table(csv_path)
+    rows = one_each(read_table(csv_path))
     right: dict[str, list[bool]] = defaultdict(list)
     confusion = {spoken: dict.fromkeys(SHAPE_NAMES, 0) for spoken in SHAPE_NAMES[1:]}
     for row in rows:

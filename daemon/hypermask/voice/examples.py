@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ from hypermask.voice.vowels import Vowel
 _HOP = 64
 _NOISE_FRAMES = 4000
 _NOISY_COPIES = 3
+# "haid" glides from /e/ towards /i/: only its beginning teaches /e/.
+_STEADY_PART = {"ei": 0.6}
 
 
 @dataclass(frozen=True)
@@ -52,10 +55,16 @@ class Examples:
 def examples(vowels: Sequence[Vowel], recipe: Recipe, rng: np.random.Generator) -> Examples:
     parts = [_ambient(vowels, rng)]
     for vowel in vowels:
-        parts.append(_of(vowel.frames(_HOP), SHAPE_NAMES.index(vowel.mouth)))
+        parts.append(_taught(vowel, _HOP))
         if recipe.noisy:
             parts += [_noisy(vowel, rng) for _ in range(_NOISY_COPIES)]
     return _join(parts)
+
+
+def _taught(vowel: Vowel, hop: int) -> Examples:
+    frames = vowel.frames(hop)
+    steady = math.ceil(_STEADY_PART.get(vowel.vowel, 1.0) * len(frames))
+    return _of(frames[:steady], SHAPE_NAMES.index(vowel.mouth))
 
 
 def _of(frames: NDArray[np.float64], shape: int) -> Examples:
@@ -86,7 +95,7 @@ def _noisy(vowel: Vowel, rng: np.random.Generator) -> Examples:
     heard = Vowel(
         vowel.speaker, vowel.group, vowel.vowel, vowel.mouth, mixed, vowel.start, vowel.end
     )
-    return _of(heard.frames(2 * _HOP), SHAPE_NAMES.index(vowel.mouth))
+    return _taught(heard, 2 * _HOP)
 
 
 def _microphone(sound: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:

@@ -72,6 +72,12 @@ def read_table(path: Path) -> list[dict[str, str]]:
     return rows
 
 
+def one_each(rows: list[dict[str, str]]) -> list[dict[str, str]]:
+    """The rows to measure with: "haid", a glide, stands for /e/ only where "head" is absent."""
+    steady = any(row["vowel"] == "eh" for row in rows)
+    return [row for row in rows if not (steady and row["vowel"] == "ei")]
+
+
 def _checked(path: Path, line: int, row: dict[str, str]) -> bool:
     """Whether the row holds one of the five vowels."""
     if any(not row[name] for name in _COLUMNS):

@@ -12,6 +12,9 @@ from hypermask.show.scene import SCENE
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
 
+KEPT = 200_000
+"""How many of its latest figures a worker remembers, so that a long night does not fill memory."""
+
 TRACK = np.dtype(
     [
         ("motion", MOTION),

@@ -12,6 +12,7 @@ from hypermask import paths
 from hypermask.errors import DataError
 from hypermask.face.character import find_character, load_character
 from hypermask.face.face import Face
+from hypermask.face.lids import blink
 from hypermask.geometry import Array
 from hypermask.mask import Mask
 from hypermask.stage.layers import Actor, Positions, dots_actor
@@ -40,7 +41,7 @@ class DotsPlayer:
         picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if picture is None:
             raise DataError("CHAR-READ", f"cannot read {path}", "Install hypermask again.")
-        texture = np.ascontiguousarray(picture[..., ::-1])
+        texture = np.ascontiguousarray(picture[..., ::-1], np.uint8)
         self.actor, self._positions = dots_actor(mask, texture)
 
     def positions(self, expression: Array, mouth: Array, time_s: float) -> tuple[Positions, ...]:
@@ -58,7 +59,7 @@ class FacePlayer:
         return self._face.actor
 
     def positions(self, expression: Array, mouth: Array, time_s: float) -> tuple[Positions, ...]:
-        return self._face.positions(expression, mouth, time_s=time_s)
+        return self._face.positions(expression, mouth, blink(time_s))
 
 
 class Cast:
@@ -78,4 +79,3 @@ class Cast:
         """One character at `time_s`: expression (6,) emotion weights, mouth (13,) parameters."""
         positions = self._players[name].positions(expression, mouth, time_s)
         return DrawItem(name, positions, opacity)
-

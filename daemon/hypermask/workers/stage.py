@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from dataclasses import dataclass
 
+import moderngl
 import numpy as np
 
 from hypermask.blackboard import Record
@@ -20,12 +22,11 @@ from hypermask.stage.mapping import (
 )
 from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.scene import MaskFade, live_mouth
+from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import predict as predict_motion
 from hypermask.tracking.paper import predict_points
-from hypermask.workers.board import PACE, Board
+from hypermask.workers.board import KEPT, PACE, Board
 from hypermask.workers.cast import Cast
-
-import moderngl
 
 
 @dataclass(frozen=True)
@@ -92,12 +93,14 @@ class StageWorker:
         reader: TrackReader,
         board: Board,
         period_s: float,
+        settings: StageSettings,
     ) -> None:
         self._renderer, self._cast = renderer, cast
         self._mapping, self._reader, self._board = mapping, reader, board
-        self._fade = MaskFade()
+        self._fade = MaskFade(settings)
+        self._settings = settings
         self._period_s = period_s
-        self.compute_s: list[float] = []
+        self.compute_s: deque[float] = deque(maxlen=KEPT)
 
     def latch(self, now_s: float, light_s: float) -> Picture:
         """What the frame whose light leaves at `light_s` shows, by all that is known now."""
@@ -124,7 +127,8 @@ class StageWorker:
         mouth = self._board.mouth.latest()
         if mouth is None:
             return np.zeros(13)
-        return live_mouth(mouth["parameters"], light_s - float(mouth["time_s"]))
+        age_s = light_s - float(mouth["time_s"])
+        return live_mouth(mouth["parameters"], age_s, self._settings)
 
     def draw(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> None:
         """Draw the picture; black where there is nothing to draw on."""
@@ -137,7 +141,7 @@ class StageWorker:
             self.compute_s.append(time.perf_counter() - began)
 
     def announce(self, flip_s: float, latch_lead_s: float) -> None:
-        """Publish the pace, from which the tracker puts the camera's frames just before the latch."""
+        """Publish the pace, by which the tracker puts the camera's frames just before the latch."""
         record = np.zeros((), PACE)
         record["flip_s"], record["period_s"] = flip_s, self._period_s
         record["latch_lead_s"] = latch_lead_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.paper import PointKalman
 from hypermask.tracking.tracker import Tracker, TrackResult
 from hypermask.workers.alignment import PhaseAligner
-from hypermask.workers.board import TRACK, Board
+from hypermask.workers.board import KEPT, TRACK, Board
 from hypermask.workers.retry import Kept, Report
 from hypermask_drivers.camera import Camera, Frame
 from hypermask_drivers.clock import Clock
@@ -46,7 +47,10 @@ class TrackerWorker:
         self._record = np.zeros((), TRACK)
         self._record["seen_s"] = -np.inf
         self._sequence: int | None = None
-        self.compute_s: list[float] = []
+        self.compute_s: deque[float] = deque(maxlen=KEPT)
+        self.latency_s: deque[float] = deque(
+            maxlen=KEPT
+        )  # from the frame's mid-exposure to the blackboard
 
     def step(self, timeout_s: float = 0.0) -> bool:
         """Take one frame if there is one; False when there was none."""
@@ -58,6 +62,7 @@ class TrackerWorker:
         result = self._tracker.process(frame.image, frame.time_s, frame.sequence)
         self._publish(frame, result)
         self.compute_s.append(time.perf_counter() - began)
+        self.latency_s.append(self._clock.now() - frame.time_s)
         self._align()
         if self._observer is not None:
             self._observer(frame, result)

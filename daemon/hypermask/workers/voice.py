@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 
 import numpy as np
 
 from hypermask.voice.follower import MouthFollower, MouthFrame
-from hypermask.workers.board import MOUTH, Board
+from hypermask.workers.board import KEPT, MOUTH, Board
 from hypermask.workers.retry import Kept, Report
 from hypermask_drivers.clock import Clock
 from hypermask_drivers.sound import SoundIn
@@ -20,8 +21,8 @@ class VoiceWorker:
         self._sound = Kept(sound, "sound", clock, report)
         self._board = board
         self._follower: MouthFollower | None = None
-        self.compute_s: list[float] = []
-        self.history: list[MouthFrame] = []
+        self.compute_s: deque[float] = deque(maxlen=KEPT)
+        self.history: deque[MouthFrame] = deque(maxlen=KEPT)
 
     def step(self, timeout_s: float = 0.0) -> bool:
         """Take one block of sound if there is one; False when there was none."""

@@ -36,6 +36,7 @@ class SimCamera(SimDevice, Camera):
         self._ready: deque[tuple[int, float]] = deque()
         self._sequence = 0
         self._next_s = 0.0  # mid-exposure of the next frame, scenario time
+        self._offset_s = 0.0  # phase: nominal and shifted
         self._arrival_s = 0.0  # when the next frame can be read, scenario time
         self._shift_s = 0.0  # phase shift still to be made
 
@@ -46,9 +47,9 @@ class SimCamera(SimDevice, Camera):
         return CameraMode(width, height, self._settings.rate_hz, self._exposure_s)
 
     def _opened(self, now_s: float) -> None:
-        phase = self._settings.phase_ms * 1e-3
-        self._sequence = max(0, math.ceil((now_s - phase) / self._period_s - 1e-9))
-        self._next_s = phase + self._sequence * self._period_s
+        self._offset_s = self._settings.phase_ms * 1e-3
+        self._sequence = max(0, math.ceil((now_s - self._offset_s) / self._period_s - 1e-9))
+        self._next_s = self._offset_s + self._sequence * self._period_s
         self._shift_s = 0.0
         self._ready.clear()
         self._arrival_s = self._arrival(0.0)
@@ -66,8 +67,9 @@ class SimCamera(SimDevice, Camera):
             limit = _PHASE_STEP * self._period_s
             step = min(max(self._shift_s, -limit), limit)
             self._shift_s -= step
+            self._offset_s += step
             self._sequence += 1
-            self._next_s += self._period_s + step
+            self._next_s = self._offset_s + self._sequence * self._period_s
             self._arrival_s = self._arrival(self._arrival_s)
 
     def next_arrival_s(self) -> float:

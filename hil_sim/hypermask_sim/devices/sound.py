@@ -27,6 +27,7 @@ class SimSoundIn(SimDevice, SoundIn):
         self._delay_s = self._block_s + world.scenario.latency.voice_ms * 1e-3
         self._start = round(world.scenario.performer.voice_start_s * settings.rate_hz)
         self._noise = 10 ** (settings.noise_db / 20)
+        self._voice = world.voice  # read and resampled now, not while the show runs
         self._next = 0
         self._overruns = 0
 
@@ -59,7 +60,7 @@ class SimSoundIn(SimDevice, SoundIn):
         return SoundBlock(self._samples(index), self.rate_hz, time_s, self._overruns)
 
     def _samples(self, index: int) -> NDArray[np.float32]:
-        voice = self.world.voice.block(index * self._count - self._start, self._count)
+        voice = self._voice.block(index * self._count - self._start, self._count)
         random = np.random.default_rng([self.world.scenario.seed, 7, index])
         noise = random.standard_normal(self._count, dtype=np.float32) * np.float32(self._noise)
         return np.clip(voice + noise, -1, 1)

@@ -1,0 +1,165 @@
+"""The worker processes of a real-time rehearsal: tracker, voice and show, each on its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.context import SpawnProcess
+from multiprocessing.synchronize import Event as ProcessEvent
+from pathlib import Path
+from typing import Any
+
+from hypermask.errors import HypermaskError
+from hypermask.rehearsal.cart import SimulatedCart, camera_model
+from hypermask.rehearsal.observer import TrackingObserver
+from hypermask.rehearsal.show_parts import casting_of
+from hypermask.show.engine import ShowEngine
+from hypermask.tracking.motion import MotionFilter
+from hypermask.tracking.tracker import Tracker, TrackerSettings
+from hypermask.workers.board import Board
+from hypermask.workers.realtime import be_realtime, freeze_garbage
+from hypermask.workers.show import ShowWorker
+from hypermask.workers.tracker import TrackerWorker
+from hypermask.workers.voice import VoiceWorker
+from hypermask_drivers.clock import RealClock
+from hypermask_sim.scenario import Scenario
+from hypermask_sim.world import World
+
+WAIT_S = 0.1
+IDLE_S = 0.002
+START_TIMEOUT_S = 60.0
+PRIORITIES = {"tracker": 50, "voice": 30, "show": 10}
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a worker process is given; everything in it can be pickled."""
+
+    kind: str
+    scenario: Scenario
+    board: Path
+    origin: Any  # a shared double: clock time of the scenario's 0, NaN until it is set
+    ready: ProcessEvent
+    stop: ProcessEvent
+    results: Any  # a queue
+
+
+@dataclass
+class Crew:
+    """The worker processes. Start, give the origin, stop; results come back by kind."""
+
+    scenario: Scenario
+    board: Path
+    _orders: list[Order] = field(default_factory=list)
+    _processes: list[SpawnProcess] = field(default_factory=list)
+
+    def start(self) -> None:
+        """Returns when every worker has loaded what it needs. Raises WRK-START."""
+        context = multiprocessing.get_context("spawn")
+        self._origin = context.Value("d", float("nan"))
+        self._results = context.Queue()
+        self._stop = context.Event()
+        for kind in PRIORITIES:
+            order = Order(
+                kind, self.scenario, self.board, self._origin, context.Event(), self._stop,
+                self._results,
+            )  # fmt: skip
+            process = context.Process(target=run_worker, args=(order,), name=kind, daemon=True)
+            process.start()
+            self._orders.append(order)
+            self._processes.append(process)
+        for order in self._orders:
+            if not order.ready.wait(START_TIMEOUT_S):
+                self.kill()
+                raise HypermaskError(
+                    "WRK-START", f"the {order.kind} process did not start", "Look at its messages."
+                )
+
+    def begin(self, origin_s: float) -> None:
+        self._origin.value = origin_s
+
+    def finish(self) -> dict[str, dict[str, Any]]:
+        """Stop every worker; what each has to tell, by its kind."""
+        self._stop.set()
+        results = dict(self._results.get(timeout=START_TIMEOUT_S) for _ in self._processes)
+        for process in self._processes:
+            process.join(5)
+        self.kill()
+        return results
+
+    def kill(self) -> None:
+        for process in self._processes:
+            if process.is_alive():
+                process.kill()
+
+
+def run_worker(order: Order) -> None:
+    """Entry point of a worker process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    clock = RealClock()
+    world = World(order.scenario)
+    cart = SimulatedCart(world, clock)
+    build = {"tracker": _tracker, "voice": _voice, "show": _show}[order.kind]
+    prepare, step, result = build(cart, Board.shared(order.board))
+    freeze_garbage()
+    granted = be_realtime(PRIORITIES[order.kind])
+    order.ready.set()
+    while order.origin.value != order.origin.value and not order.stop.is_set():
+        clock.sleep_until(clock.now() + 0.005)
+    world.origin_s = order.origin.value
+    prepare()
+    while not order.stop.is_set():
+        if not step(WAIT_S):
+            clock.sleep_until(clock.now() + IDLE_S)  # an absent device must not eat the CPU
+    told = result() | {"events": cart.journal.events, "granted": granted}
+    order.results.put((order.kind, told))
+
+
+Parts = tuple[Callable[[], None], Callable[[float], bool], Callable[[], dict[str, Any]]]
+
+
+def _tracker(cart: SimulatedCart, board: Board) -> Parts:
+    world, motion = cart.world, MotionFilter()
+    observer = TrackingObserver(world)
+    tracker = Tracker(world.mask.leds, camera_model(world), TrackerSettings(), motion)
+    worker = TrackerWorker(
+        cart.camera, tracker, motion, board, cart.clock, cart.journal, observer=observer
+    )
+
+    def result() -> dict[str, Any]:
+        return {
+            "tracking": observer.summary(),
+            "compute_s": worker.compute_s,
+            "latency_s": worker.latency_s,
+        }
+
+    return _nothing, worker.step, result
+
+
+def _voice(cart: SimulatedCart, board: Board) -> Parts:
+    worker = VoiceWorker(cart.sound, board, cart.clock, cart.journal)
+    _ = cart.world.voice  # read the recording before the show, not in it
+    return (
+        _nothing,
+        worker.step,
+        lambda: {"history": worker.history, "compute_s": worker.compute_s},
+    )
+
+
+def _show(cart: SimulatedCart, board: Board) -> Parts:
+    show = casting_of(cart.scenario).show
+    worker: list[ShowWorker] = []
+
+    def prepare() -> None:
+        engine = ShowEngine(show, cart.world.origin_s)
+        worker.append(ShowWorker(cart.keypad, engine, board, cart.clock, cart.journal))
+
+    return prepare, lambda timeout_s: worker[0].step(timeout_s), dict
+
+
+def _nothing() -> None:
+    """This worker has nothing to do at the origin."""

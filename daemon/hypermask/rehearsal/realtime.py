@@ -1,0 +1,239 @@
+"""The show against the real clock: every worker a process of its own, flips that must be met.
+
+This process is the stage. What the judge and the film need is read back in the time that is left
+after a flip, cut to the mask, and looked at when the show is over.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.geometry import homogeneous_apply
+from hypermask.rehearsal import report as figures
+from hypermask.rehearsal.lockstep import Flip, LockStep
+from hypermask.rehearsal.processes import Crew
+from hypermask.rehearsal.run import Rehearsal, progress_bar
+from hypermask.stage.pacing import Pacer
+from hypermask.workers.board import Board
+from hypermask.workers.realtime import be_realtime, freeze_garbage
+from hypermask.workers.stage import Picture
+from hypermask_drivers.clock import RealClock
+from hypermask_sim.scenario import Scenario
+
+PRIORITY = 40
+FILM_EVERY, PROBE_EVERY = 4, 4
+START_DELAY_S = 0.3
+_MARGIN_PX = 4
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A part of a picture: pixels (h, w, 3) RGB, row 0 at the top, and its top left corner."""
+
+    pixels: Image
+    left: int
+    top: int
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A flip whose pictures were read back, each where there was time for it."""
+
+    index: int
+    flip_s: float
+    picture: Picture
+    shown: Cut | None
+    probe: Cut | None
+
+
+class RealTimeStage:
+    """Plays a rehearsal's stage against the clock; the other workers are processes."""
+
+    def __init__(self, rehearsal: Rehearsal) -> None:
+        self._lockstep: LockStep = rehearsal.lockstep
+        self._cart = self._lockstep.cart
+        self._clock = self._cart.clock
+        self._film_every = max(1, round(FILM_EVERY * self._cart.scenario.projector.rate_hz / 60))
+        self.kept: list[Kept] = []
+        self.leads_s: list[float] = []
+        self.pacer = Pacer(1 / self._cart.scenario.projector.rate_hz)
+
+    def play(self, end_s: float, on_flip: Any) -> None:
+        """Flip after flip until clock time `end_s`."""
+        projector, lockstep, clock = self._cart.projector, self._lockstep, self._clock
+        index = 0
+        while clock.now() < end_s:
+            flip_s = projector.next_flip_s()
+            latch_s = self.pacer.latch_s(flip_s)
+            clock.sleep_until(latch_s)
+            lockstep.stage.announce(flip_s, flip_s - latch_s)
+            picture = lockstep.stage.latch(clock.now(), flip_s + projector.mode.light_delay_s)
+            lockstep.stage.draw(projector.framebuffer, picture)
+            projector.context.finish()
+            self.pacer.drawn(latch_s, clock.now())
+            shown_s = projector.present()
+            self.pacer.flipped(flip_s, shown_s)
+            late_s = shown_s - flip_s
+            self._keep(index, shown_s, _moved(picture, late_s))
+            on_flip(shown_s)
+            index += 1
+
+    def _keep(self, index: int, flip_s: float, picture: Picture) -> None:
+        if picture.lead_s is not None and picture.items:
+            self.leads_s.append(picture.lead_s)
+        phase = index % self._film_every
+        shown = probe = None
+        if self._lockstep.test_only:
+            if phase in (0, self._film_every // 2):
+                shown = probe = self._read(self._cart.projector.framebuffer, picture)
+        elif phase == 0:
+            shown = self._read(self._cart.projector.framebuffer, picture)
+        elif phase == self._film_every // 2:
+            probe = self._read(self._lockstep.draw_probe(picture), picture)
+        if phase in (0, self._film_every // 2):
+            self.kept.append(Kept(index, flip_s, picture, shown, probe))
+
+    def _read(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> Cut:
+        """The part of the framebuffer that the mask can cover."""
+        width, height = framebuffer.size
+        box = self._box(picture, width, height)
+        if box is None:
+            return Cut(np.zeros((0, 0, 3), np.uint8), 0, 0)
+        left, top, right, bottom = box
+        with framebuffer.ctx:
+            data = framebuffer.read(
+                viewport=(left, height - bottom, right - left, bottom - top),
+                components=4,
+            )
+        pixels = np.frombuffer(data, np.uint8).reshape(bottom - top, right - left, 4)[::-1]
+        return Cut(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGBA2RGB), np.uint8), left, top)
+
+    def _box(self, picture: Picture, width: int, height: int) -> tuple[int, int, int, int] | None:
+        if picture.matrix is None:
+            return None
+        outline = self._cart.world.mask.settings.outline
+        x, y = outline.half_width_m, outline.half_height_m
+        corners = [[a, b, z] for a in (-x, x) for b in (-y, y) for z in (-0.03, 0.05)]
+        pixels = homogeneous_apply(picture.matrix, corners)
+        low = np.floor(pixels.min(axis=0)).astype(int) - _MARGIN_PX
+        high = np.ceil(pixels.max(axis=0)).astype(int) + _MARGIN_PX
+        left, top = (int(v) for v in np.maximum(low, 0))
+        right, bottom = (int(v) for v in np.minimum(high, [width, height]))
+        return None if right <= left or bottom <= top else (left, top, right, bottom)
+
+
+def play_realtime(scenario: Scenario, out: Path, pictures: bool, quiet: bool) -> dict[str, Any]:
+    """`hypermask rehearse --realtime`: play, then judge what was kept, and write the report."""
+    with tempfile.TemporaryDirectory(prefix="hypermask-", dir=_memory()) as folder:
+        board = Path(folder)
+        crew = Crew(scenario, board)
+        try:
+            crew.start()
+            rehearsal = Rehearsal(scenario, clock=RealClock(), board=Board.shared(board))
+            stage = RealTimeStage(rehearsal)
+            told = _play(crew, rehearsal, stage, quiet)
+        finally:
+            crew.kill()
+    taker = rehearsal.pictures(out) if pictures else None
+    with progress_bar(quiet) as progress:
+        task = progress.add_task("judging", total=len(stage.kept))
+        for kept in stage.kept:
+            _judge(rehearsal, kept, taker)
+            progress.advance(task)
+    report = _report(rehearsal, stage, told)
+    figures.write_json(out / "report.json", report)
+    if taker is not None:
+        rehearsal.finish(taker, out, report)
+    return report
+
+
+def _play(
+    crew: Crew, rehearsal: Rehearsal, stage: RealTimeStage, quiet: bool
+) -> dict[str, dict[str, Any]]:
+    world, clock = rehearsal.world, rehearsal.lockstep.cart.clock
+    freeze_garbage()
+    be_realtime(PRIORITY)
+    world.origin_s = clock.now() + START_DELAY_S
+    rehearsal.lockstep.cart.projector.close()
+    rehearsal.lockstep.cart.projector.open()
+    crew.begin(world.origin_s)
+    clock.sleep_until(world.origin_s)
+    with progress_bar(quiet) as progress:
+        task = progress.add_task(rehearsal.scenario.name, total=world.duration_s)
+        stage.play(
+            world.origin_s + world.duration_s,
+            lambda now_s: progress.update(task, completed=now_s - world.origin_s),
+        )
+    return crew.finish()
+
+
+def _judge(rehearsal: Rehearsal, kept: Kept, taker: Any) -> None:
+    size = rehearsal.world.projector.size
+    if kept.probe is not None:
+        rehearsal.measured.append(
+            rehearsal.judge.examine(whole(kept.probe, size), kept.picture.light_s)
+        )
+    if kept.shown is not None and taker is not None:
+        shown = whole(kept.shown, size)
+        taker.take(Flip(kept.index, kept.flip_s, kept.picture, shown, shown), None, "")
+
+
+def whole(cut: Cut, size: tuple[int, int]) -> Image:
+    """The whole picture (h, w, 3) of which `cut` was kept, black outside it."""
+    picture = np.zeros((size[1], size[0], 3), np.uint8)
+    height, width = cut.pixels.shape[:2]
+    picture[cut.top : cut.top + height, cut.left : cut.left + width] = cut.pixels
+    return picture
+
+
+def _moved(picture: Picture, late_s: float) -> Picture:
+    """The picture with the time at which its light really left."""
+    return Picture(
+        picture.light_s + late_s,
+        picture.matrix,
+        picture.items,
+        picture.brightness,
+        picture.measured_s,
+    )
+
+
+def _report(
+    rehearsal: Rehearsal, stage: RealTimeStage, told: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    tracker, voice = told["tracker"], told["voice"]
+    for worker in told.values():
+        for event in worker["events"]:
+            rehearsal.journal(event.time_s - rehearsal.world.origin_s, event.code, event.text)
+    rehearsal.leads_s = stage.leads_s
+    report = rehearsal.report(tracker["tracking"], voice["history"])
+    count = stage.pacer.count
+    report |= {
+        "mode": "realtime",
+        "frames": count.flips,
+        "missed_flips": count.missed,
+        "flips_on_time": round(count.on_time, 6),
+        "compute_ms": {
+            "clock": "real",
+            "tracking": figures.spread(tracker["compute_s"], 1e3),
+            "stage": figures.spread(rehearsal.lockstep.stage.compute_s, 1e3),
+            "voice": figures.spread(voice["compute_s"], 1e3),
+        },
+        "exposure_to_blackboard_ms": figures.spread(tracker["latency_s"], 1e3),
+        "granted": {kind: worker["granted"] for kind, worker in told.items()},
+    }
+    return report
+
+
+def _memory() -> str | None:
+    """A folder in memory, so that the blackboard is never written to a disk."""
+    return "/dev/shm" if Path("/dev/shm").is_dir() else None
