@@ -1,4 +1,4 @@
-"""The clicks at the mask's present place: cross-hair, step, which LED is next, what was accepted."""
+"""The clicks at the mask's present place: cross-hair, step, next LED, what was accepted."""
 
 from __future__ import annotations
 

@@ -112,6 +112,11 @@ class LockStep:
     def missed_flips(self) -> int:
         return self.cart.projector.missed_flips
 
+    def close(self) -> None:
+        """Free what was loaded, and the projector with its context."""
+        self._renderer.release()
+        self.cart.projector.close()
+
     def play(self, duration_s: float) -> Iterator[Flip | None]:
         """Play until `duration_s` after the cart's time 0; None for a flip without a projector."""
         clock, end_s = self.cart.clock, self.cart.world.origin_s + duration_s

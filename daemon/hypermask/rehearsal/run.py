@@ -62,8 +62,11 @@ def play(
 ) -> dict[str, Any]:
     """Play in lock-step. With `out` None nothing is written. calibration: instead of making one."""
     rehearsal = Rehearsal(scenario, calibration)
-    with progress_bar(quiet) as progress:
-        return rehearsal.run(out, pictures, progress)
+    try:
+        with progress_bar(quiet) as progress:
+            return rehearsal.run(out, pictures, progress)
+    finally:
+        rehearsal.close()
 
 
 class Rehearsal:
@@ -88,6 +91,10 @@ class Rehearsal:
         self.judge = Judge(self.world, load_dots(paths.configs() / "characters" / "dots"))
         self.measured: list[FrameMeasurement] = []
         self.leads_s: list[float] = []
+
+    def close(self) -> None:
+        """Free the graphics of the rehearsal."""
+        self.lockstep.close()
 
     def run(self, out: Path | None, pictures: bool, progress: Progress) -> dict[str, Any]:
         """Play to the end, write the report (and pictures) into `out`, and return the report."""

@@ -89,7 +89,7 @@ def extrapolate(
     rows[_EACH, _EACH] = output
     flat = rows.reshape(6, 6 * n)
     covariance = flat @ estimate["covariance"] @ flat.T
-    covariance[_EACH, _EACH] += model.noise(abs(step_s))[:, 0, 0] * drive
+    covariance[_EACH, _EACH] += model.noise(step_s)[:, 0, 0] * drive
     move = (output * estimate["state"]).sum(1)
     return moved_pose(estimate, move), covariance
 

@@ -43,8 +43,8 @@ class Oscillator:
 
 Component = Drift | Oscillator
 
-_TICK_S = 20e-6
-_CACHED = 4096
+_TICK_S = 1e-6
+_CACHED = 1024
 
 
 def axis_matrices(components: tuple[Component, ...]) -> tuple[Array, Array, Array]:
@@ -95,26 +95,31 @@ class MotionModel:
         self._zero = np.abs(self._sums) < 1e-12
         self._divisor = np.where(self._zero, 1.0, self._sums)
         self._conjugate = np.ascontiguousarray(np.conj(self._vectors.transpose(0, 2, 1)))
-        self._noise_cache: dict[int, Array] = {}
+        self._cache: dict[int, tuple[Array, Array]] = {}
 
     def transition(self, step_s: float) -> Array:
-        """(6, n, n) state transition over `step_s`."""
-        growth = np.exp(self._values * step_s)
-        moved: NDArray[np.complex128] = (self._vectors * growth[:, None, :]) @ self._inverse
-        return moved.real
+        """(6, n, n) state transition over `step_s`, to the nearest microsecond."""
+        return self._over(step_s)[0]
 
     def noise(self, step_s: float) -> Array:
-        """(6, n, n) covariance of what the driving noise adds over `step_s`.
+        """(6, n, n) covariance of what the driving noise adds over |step_s|, likewise."""
+        return self._over(step_s)[1]
 
-        `step_s` is rounded to 20 us, so that a camera's steady frames need it computed once.
-        """
+    def _over(self, step_s: float) -> tuple[Array, Array]:
+        # A camera's frames are steady to some microseconds, so few steps are ever computed.
         ticks = round(step_s / _TICK_S)
-        cached = self._noise_cache.get(ticks)
+        cached = self._cache.get(ticks)
         if cached is None:
-            if len(self._noise_cache) >= _CACHED:
-                self._noise_cache.clear()
-            cached = self._noise_cache[ticks] = self._noise(ticks * _TICK_S)
+            if len(self._cache) >= _CACHED:
+                self._cache.clear()
+            step_s = ticks * _TICK_S
+            cached = self._cache[ticks] = self._transition(step_s), self._noise(abs(step_s))
         return cached
+
+    def _transition(self, step_s: float) -> Array:
+        growth = np.exp(self._values * step_s)
+        moved: NDArray[np.complex128] = (self._vectors * growth[:, None, :]) @ self._inverse
+        return np.ascontiguousarray(moved.real)
 
     def _noise(self, step_s: float) -> Array:
         integral = np.where(self._zero, step_s, np.expm1(self._sums * step_s) / self._divisor)

@@ -1,0 +1,83 @@
+"""Parts measured alone: prediction, tracking, drawing, and the flips of a real-time run."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hypermask import paths
+from hypermask.bench.runs import scenario
+from hypermask.bench.table import Table
+from hypermask.mask import load_mask
+
+
+def realtime(progress: bool) -> Table:
+    """A real-time rehearsal of the demo's face on the reference cart, 20 s."""
+    from hypermask.rehearsal.realtime import play_realtime
+
+    rows = []
+    for name, character in (("reference-cart", "mean"), ("reference-cart", "dots")):
+        of = scenario(name, f"character={character}", "performer.motion=dance", "duration_s=20")
+        with tempfile.TemporaryDirectory() as folder:
+            report: dict[str, Any] = play_realtime(of, Path(folder), False, not progress)
+        compute = report["compute_ms"]
+        rows.append(
+            (
+                f"{name}, {character}",
+                report["frames"],
+                report["missed_flips"],
+                f"{report['flips_on_time']:.2%}",
+                compute["tracking"]["p50"],
+                compute["stage"]["p50"],
+                report["lead_ms"]["p50"],
+                report["registration_mm"]["rms"],
+            )
+        )
+    return Table(
+        "realtime",
+        "Against the real clock: 60 Hz projector, 120 Hz camera, a process a worker",
+        (
+            "show", "flips", "missed", "on time", "tracking p50 ms", "stage p50 ms", "lead p50 ms",
+            "registration rms mm",
+        ),
+        rows,
+        ("Software GL; the simulated camera and projector run on the same two cores.",
+         "Target: at least 99 % on time."),
+    )  # fmt: skip
+
+
+def stage(progress: bool) -> Table:
+    from hypermask.stage.bench import run
+    from hypermask_drivers.projector.gles import create_context
+
+    mask = load_mask(paths.configs() / "masks" / "reference")
+    result = run(create_context, mask)
+    return _times("stage", "Drawing at 1280x720, software GL", result, "Target: a face <= 5 ms p50.")
+
+
+def tracking(progress: bool) -> Table:
+    from hypermask.tracking.bench import run
+
+    return _times(
+        "tracking",
+        "Tracking at 1280x800, one thread, the same frames for all",
+        run(),
+        "Target: locked <= 0.6 ms, searching <= 1.5 ms p50.",
+    )
+
+
+def _times(name: str, title: str, result: dict[str, Any], note: str) -> Table:
+    rows = [
+        (key, value["p50_ms"], value["p99_ms"])
+        for key, value in result.items()
+        if isinstance(value, dict) and "p50_ms" in value
+    ]
+    return Table(name, title, ("what", "p50 ms", "p99 ms"), rows, (note,), data={"raw": result})
+
+
+def prediction(progress: bool) -> Table:
+    from hypermask.tracking import motion_bench
+
+    result = motion_bench.run()
+    return motion_bench.table(result)
