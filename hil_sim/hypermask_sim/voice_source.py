@@ -6,7 +6,6 @@ import hashlib
 import math
 import os
 import shutil
-import struct
 import subprocess
 import tempfile
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask_drivers.errors import ConfigError, DataError
+from hypermask_drivers.sound import wav
 
 Samples = NDArray[np.float32]
 
@@ -23,7 +23,6 @@ SPEECH = (
     "Ladies and gentlemen, welcome to the show. I am nobody in particular, and I may become "
     "anyone you please. Look closely at my face, and do not believe a word of it."
 )
-_PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
 
 
 @dataclass(frozen=True)
@@ -103,69 +102,18 @@ def cache_folder() -> Path:
 
 
 def read_wav(path: Path) -> tuple[Samples, int]:
-    """Mono samples (n,) float32 and the rate in Hz of a RIFF WAV file.
+    """Mono samples (n,) float32 within full scale, and the rate in Hz.
 
-    Integer of 8, 16, 24 or 32 bits, float of 32 or 64, any rate, channels averaged,
-    WAVE_FORMAT_EXTENSIBLE too. Raises `ConfigError` VOICE-ABSENT, `DataError` VOICE-FORMAT.
+    Raises `DataError` VOICE-ABSENT, VOICE-READ, VOICE-FORMAT.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise ConfigError(
-            "VOICE-ABSENT", f"there is no recording {path}", "Check performer.voice."
-        ) from None
-    except OSError as error:
-        raise _bad(path, f"it cannot be read ({error})") from None
-    chunks = _chunks(path, data)
-    if "fmt " not in chunks or "data" not in chunks or len(chunks["fmt "]) < 16:
-        raise _bad(path, "its format or data chunk is missing")
-    kind, channels, rate, _, align, bits = struct.unpack("<HHIIHH", chunks["fmt "][:16])
-    if kind == _EXTENSIBLE and len(chunks["fmt "]) >= 26:
-        kind = struct.unpack("<H", chunks["fmt "][24:26])[0]
-    if not 1 <= channels <= 64 or not 1000 <= rate <= 768000 or align * 8 != channels * bits:
-        raise _bad(path, f"{channels} channels at {rate} Hz make no sense")
-    body = chunks["data"]
-    samples = _decoded(path, body[: len(body) // align * align], kind, bits)
-    if not len(samples):
-        raise _bad(path, "it holds no sound")
+    samples, rate = wav.read_wav(path)
     if not np.isfinite(samples).all():
-        raise _bad(path, "it holds values that are not numbers")
-    mono = samples.reshape(-1, channels).mean(axis=1)
-    return np.clip(mono, -1, 1).astype(np.float32), rate
-
-
-def _chunks(path: Path, data: bytes) -> dict[str, bytes]:
-    """The RIFF chunks; one that is cut short is taken as far as it goes."""
-    if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
-        raise _bad(path, "it is not a WAV file")
-    chunks: dict[str, bytes] = {}
-    position = 12
-    while position + 8 <= len(data):
-        name = data[position : position + 4].decode("latin-1")
-        size = struct.unpack("<I", data[position + 4 : position + 8])[0]
-        chunks.setdefault(name, data[position + 8 : position + 8 + size])
-        position += 8 + size + size % 2
-    return chunks
-
-
-def _decoded(path: Path, body: bytes, kind: int, bits: int) -> NDArray[np.float64]:
-    if kind == _FLOAT and bits in (32, 64):
-        return np.frombuffer(body, f"<f{bits // 8}").astype(float)
-    if kind == _PCM and bits == 8:
-        return (np.frombuffer(body, np.uint8).astype(float) - 128) / 128
-    if kind == _PCM and bits in (16, 32):
-        return np.frombuffer(body, f"<i{bits // 8}") / 2.0 ** (bits - 1)
-    if kind == _PCM and bits == 24:
-        wide = np.zeros((len(body) // 3, 4), np.uint8)
-        wide[:, 1:] = np.frombuffer(body, np.uint8).reshape(-1, 3)
-        return np.asarray(wide.view("<i4").reshape(-1) / 2.0**31)
-    raise _bad(path, f"{bits}-bit samples of format {kind} are not supported")
-
-
-def _bad(path: Path, why: str) -> DataError:
-    return DataError(
-        "VOICE-FORMAT", f"{path} cannot be used: {why}", "Save it as a 16-bit PCM WAV file."
-    )
+        raise DataError(
+            "VOICE-FORMAT",
+            f"{path} cannot be used: it holds values that are not numbers",
+            "Save it as a 16-bit PCM WAV file.",
+        )
+    return np.clip(samples, -1, 1), round(rate)
 
 
 def resample(samples: Samples, from_hz: int, to_hz: int, zeros: int = 24) -> Samples:

@@ -19,6 +19,7 @@ from calibration_rig import (
 )
 
 from hypermask.calibration import Position, assess, planned_positions, solve
+from hypermask.calibration.parameters import updated
 from hypermask.calibration.positions import candidates, eyes, fits, information, plan, recentred
 from hypermask.geometry import attitude_from_rotation
 
@@ -41,6 +42,24 @@ def test_the_working_volume_covers_the_papers_working_range() -> None:
     assert np.all(np.abs(angles[:, 1]) <= 20.01) and np.all(np.abs(angles[:, 2]) <= 30.01)
     assert angles[:, 0].min() < -150 and angles[:, 0].max() > 150
     assert all(fits(p, MASK.leds, *eyes(CAMERA, TRUTH)) for p in poses)
+
+
+def test_errors_are_measured_on_the_tilted_mask() -> None:
+    """The derivative is where the light, drawn by a slightly wrong projector, meets the mask."""
+    where = volume()
+    step = np.array([0.1, 0.2, -0.1, 1e-5, -2e-5, 3e-5, 1e-5, 2e-5, -1e-5])
+    inverse = TRUTH.projector_from_camera.inverse()
+    for pose in where.poses[:5]:
+        points = pose.apply(where.points)
+        pixels = 2 * TRUTH.project(points) - updated(TRUTH, step).project(points)
+        homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
+        rays = homogeneous @ np.linalg.inv(TRUTH.projector.matrix).T @ inverse.rotation.T
+        normal = pose.rotation[:, 2]
+        reach = (points - inverse.translation) @ normal / (rays @ normal)
+        lit = inverse.translation + rays * reach[:, None]
+        missed = ((points - lit) @ pose.rotation)[:, :2]
+        told = where.error_jacobian(TRUTH, pose) @ step
+        np.testing.assert_allclose(told, missed, atol=0.01 * np.abs(missed).max())
 
 
 def test_the_expected_error_is_that_of_many_repetitions() -> None:

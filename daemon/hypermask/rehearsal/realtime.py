@@ -6,6 +6,7 @@ after a flip, cut to the mask, and looked at when the show is over.
 
 from __future__ import annotations
 
+import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -134,6 +135,8 @@ class RealTimeStage:
 
 def play_realtime(scenario: Scenario, out: Path, pictures: bool, quiet: bool) -> dict[str, Any]:
     """`hypermask rehearse --realtime`: play, then judge what was kept, and write the report."""
+    # Software GL draws steadier without threads of its own where the other workers need the cores.
+    os.environ.setdefault("LP_NUM_THREADS", "0")
     with tempfile.TemporaryDirectory(prefix="hypermask-", dir=_memory()) as folder:
         board = Path(folder)
         crew = Crew(scenario, board)
@@ -164,8 +167,6 @@ def _play(
     freeze_garbage()
     be_realtime(PRIORITY)
     world.origin_s = clock.now() + START_DELAY_S
-    rehearsal.lockstep.cart.projector.close()
-    rehearsal.lockstep.cart.projector.open()
     crew.begin(world.origin_s)
     clock.sleep_until(world.origin_s)
     with progress_bar(quiet) as progress:

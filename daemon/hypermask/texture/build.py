@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from hypermask import paths
 from hypermask.errors import DataError
+from hypermask.face import points
 from hypermask.face.character import (
     Character,
     check_name,
     load_character,
     save_character,
 )
+from hypermask.texture import regions
 from hypermask.texture.eyes import eye_textures
 from hypermask.texture.fill import balance, belief, fill
 from hypermask.texture.landmarks import FaceFinder, Landmarks
@@ -29,6 +31,7 @@ Image = NDArray[np.uint8]
 MEAN = "mean"
 """The built-in character that stands in where a photograph shows no skin."""
 _LEAST_BELIEF = 0.35
+_LIP_LINE = 0.55
 
 
 @functools.cache
@@ -64,8 +67,17 @@ def make_texture(image: Image, face: Landmarks) -> tuple[Image, Image]:
         raise DataError(
             "FACE-HIDDEN", "too little skin is seen in the photograph", "Use another photograph."
         )
-    whole = balance(fill(flat, weight, mean), mean)
+    whole = balance(fill(_lip_line(flat), weight, mean), mean)
     return _rgb(whole), _rgb(eyes)
+
+
+def _lip_line(texture: Image) -> Image:
+    """Dark where the lips meet: a photograph with an open mouth has teeth there."""
+    gap = regions.grow(regions.polygon(points.LIPS_INNER), 0.8)
+    lips = texture[(regions.polygon(points.LIPS_OUTER) > 0) & (gap == 0)]
+    colour = np.median(lips, axis=0) * _LIP_LINE
+    share = regions.soften(gap, 0.4)[..., None]
+    return np.asarray(texture * (1 - share) + colour * share, np.uint8)
 
 
 @functools.cache

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hypermask.errors import DataError
 from hypermask.texture.models import DETECTOR, LANDMARKS, model_path
+from hypermask.texture.pupils import find_pupils
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -30,9 +31,6 @@ _OVERLAP = 0.3
 _BYSTANDER = 0.3
 """A second face below this fraction of the first one's size is a bystander or a picture."""
 _OUTER_CORNERS = (33, 263)
-_EYE_CORNERS = ((33, 133), (362, 263))
-_PUPIL_HEIGHT = 0.096
-"""Above the line between an eye's corners, in eye widths: the mean of 130 faces looking ahead."""
 
 
 @dataclass(frozen=True)
@@ -47,18 +45,13 @@ class Detection:
 
 @dataclass(frozen=True)
 class Landmarks:
-    """points: (468, 3), x and y in pixels, z in the same unit, smaller is nearer; score 0 to 1."""
+    """points: (468, 3), x and y in pixels, z in the same unit, smaller is nearer; score 0 to 1;
+    pupils: (2, 2) pixels, the image's left one first.
+    """
 
     points: Array
     score: float
-
-    @property
-    def pupils(self) -> Array:
-        """(2, 2) pixels, left one in the image first: where they are when looking ahead."""
-        left, right = (self.points[list(pair), :2] for pair in zip(*_EYE_CORNERS, strict=True))
-        axis = right - left
-        up = np.stack([axis[:, 1], -axis[:, 0]], axis=1)
-        return np.asarray((left + right) / 2 + _PUPIL_HEIGHT * up)
+    pupils: Array
 
     @property
     def eye_distance(self) -> float:
@@ -137,7 +130,8 @@ class FaceFinder:
         points = np.asarray(raw, float).reshape(LANDMARK_COUNT, 3)
         points[:, :2] = points[:, :2] @ turn.T + offset
         points[:, 2] *= scale
-        return Landmarks(points, _sigmoid(float(score.item())))
+        pupils = find_pupils(image, points[:, :2])
+        return Landmarks(points, _sigmoid(float(score.item())), pupils)
 
     def _detect(self, image: Image, box: Array) -> list[Detection]:
         """Detections in the square box (x, y, side), which may reach beyond the photograph."""

@@ -84,7 +84,7 @@ def cheeks() -> Map:
 
 @functools.cache
 def features(margin: float = 1.0) -> Map:
-    """Eyes, brows, nostrils and lips with a margin (1: some mm): never skin, always the photograph's."""
+    """Eyes, brows, nostrils and lips with a margin (1: some mm): never skin."""
     outlines = (LEFT_EYE, RIGHT_EYE, LEFT_BROW, RIGHT_BROW, LIPS_OUTER, _NOSTRILS)
     margins = (6.0, 6.0, 4.0, 4.0, 4.0, 2.0)
     grown = [grow(polygon(o), m * margin) for o, m in zip(outlines, margins, strict=True)]

@@ -21,10 +21,13 @@ from hypermask.tracking.motion_estimate import (
     estimate_dtype,
     extrapolate,
 )
-from hypermask.tracking.motion_model import MotionParameters, parameters
+from hypermask.tracking.motion_model import (
+    DEFAULT_STATES,
+    KALMAN_STATES,
+    MotionParameters,
+    parameters,
+)
 
-DEFAULT_STATES = 6  # position, drift, two oscillators of two states each
-KALMAN_STATES = 2  # position, velocity
 MODES = ("default", "kalman", "off")
 
 MOTION = np.dtype(
@@ -128,9 +131,9 @@ class MotionFilter:
         record["log_drive"] = np.clip(log_drive, _WEAKEST, _STRONGEST)
         record["log_drive_variance"] = variance
 
-    def predict(self, time_s: float) -> PredictedPose:
-        """The pose at `time_s`. Raises `ValueError` before the first measurement."""
-        return predict(self._record, time_s, models=self._models)
+    def predict(self, time_s: float, mode: str = "default") -> PredictedPose:
+        """The pose at `time_s`, as `predict` has it from the record."""
+        return predict(self._record, time_s, mode, self._models)
 
     def record(self) -> NDArray[np.void]:
         """A copy of the state, a scalar array of dtype `MOTION`."""

@@ -18,7 +18,7 @@ from hypermask.geometry import Array
 from hypermask.tracking.motion import MODES, MotionFilter, predict
 from hypermask.tracking.motion_clips import Clip, Measured, frame_times, measure, read_clips
 from hypermask.tracking.motion_model import AXES, MotionParameters
-from hypermask.tracking.motion_train import FITS, TASKS, fit_all, gather_all
+from hypermask.tracking.motion_train import EFFORT, FITS, TASKS, fit_all, gather_all
 
 SETTLING_S = 0.3  # of each clip, not counted
 SEED = 100  # not the training's
@@ -113,6 +113,7 @@ def run(
     folds: int = 5,
     every: int = 2,
     progress: Callable[[float], None] = lambda fraction: None,
+    effort: int = EFFORT,
 ) -> dict[str, Any]:
     """Cross-validated figures of all clips of `folder`. Raises `DataError` MOTION-CLIP.
 
@@ -128,7 +129,7 @@ def run(
     for fold in range(folds):
         held_out = range(fold, len(clips), folds)
         chosen = [i for i in range(len(clips)) if i not in held_out] or list(held_out)
-        models = fit_all(gathered, chosen, meter.tick)
+        models = fit_all(gathered, chosen, meter.tick, effort)
         for per_clip, condition in zip(scores, conditions, strict=True):
             for i in held_out:
                 rng = np.random.default_rng([SEED, i])

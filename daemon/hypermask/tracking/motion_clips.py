@@ -60,12 +60,14 @@ class Measured:
 def read_clip(path: Path, distance_m: float = DISTANCE_M) -> Clip:
     """Raises `DataError` MOTION-CLIP if the file is no motion clip."""
     try:
-        rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-        header = path.read_text("utf-8").split("\n", 1)[0].strip().split(",")
+        header, *lines = path.read_text("utf-8").splitlines() or [""]
+        if tuple(header.strip().split(",")) != COLUMNS or len(lines) < 4:
+            raise ValueError("its columns are not a motion clip's")
+        rows = np.loadtxt(lines, delimiter=",", ndmin=2)
+        if rows.shape[1] != len(COLUMNS):
+            raise ValueError("its rows are not a motion clip's")
     except (OSError, ValueError) as error:
         raise _unusable(path, str(error)) from error
-    if tuple(header) != COLUMNS or rows.shape[1:] != (len(COLUMNS),) or len(rows) < 4:
-        raise _unusable(path, "its columns are not a motion clip's")
     if not np.isfinite(rows).all() or np.any(np.diff(rows[:, 0]) <= 0):
         raise _unusable(path, "its times do not rise or a value is missing")
     quaternions = rows[:, 4:].copy()

@@ -22,6 +22,8 @@ from hypermask.geometry import Array
 
 AXES = ("rotation_x", "rotation_y", "rotation_z", "x", "y", "z")
 PARAMETERS = Path(__file__).with_name("motion_parameters.json")
+DEFAULT_STATES = 6  # position, drift, two oscillators of two states each
+KALMAN_STATES = 2  # position, velocity
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class MotionModel:
         self.initial: Array = np.stack([m[2] for m in matrices])
         self.states: int = a.shape[1]
         self._values, self._vectors = np.linalg.eig(a.astype(complex))
-        if float(np.max(np.linalg.cond(self._vectors))) > 1e9:
+        if not _distinct(self._values):
             raise ValueError("an axis model has a multiple eigenvalue")
         self._inverse = np.linalg.inv(self._vectors)
         density = np.stack([m[1] for m in matrices])
@@ -129,6 +131,12 @@ class MotionModel:
         return np.ascontiguousarray(added.real)
 
 
+def _distinct(values: NDArray[np.complex128]) -> bool:
+    apart = np.abs(values[:, :, None] - values[:, None, :])
+    apart += np.where(np.eye(values.shape[1], dtype=bool), np.inf, 0)
+    return bool(np.all(apart > 1e-5 * np.max(np.abs(values))))
+
+
 def model_from_table(table: dict[str, list[dict[str, float]]]) -> MotionModel:
     """Model from a list of components per axis: {speed, time_s} or {speed, frequency, damping}."""
     return MotionModel(tuple(tuple(_component(c) for c in table[axis]) for axis in AXES))
@@ -152,7 +160,12 @@ def read_parameters(path: Path = PARAMETERS) -> MotionParameters:
         data: dict[str, Any] = json.loads(path.read_text("utf-8"))
         if data["version"] != 1:
             raise ValueError(f"version {data['version']}")
-        return MotionParameters(model_from_table(data["default"]), model_from_table(data["kalman"]))
+        models = MotionParameters(
+            model_from_table(data["default"]), model_from_table(data["kalman"])
+        )
+        if (models.default.states, models.kalman.states) != (DEFAULT_STATES, KALMAN_STATES):
+            raise ValueError("a model has the wrong number of components")
+        return models
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataError(
             "MOTION-PARAMETERS",

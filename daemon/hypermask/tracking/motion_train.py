@@ -38,6 +38,7 @@ DRIFT_TIME_S = 3.0
 KALMAN_TIME_S = 5.0  # constant velocity, but for a slow decay that keeps it finite
 STRENGTHS = (0.4, 1.0, 4.0)
 SEED = 1
+EFFORT = 80
 
 
 @dataclass(frozen=True)
@@ -205,8 +206,9 @@ def fit(
     components: Callable[[Array], tuple[Component, ...]],
     start: Array,
     strengths: Sequence[float],
+    effort: int,
 ) -> tuple[Component, ...]:
-    """Best components for one axis (Nelder-Mead over logarithms)."""
+    """Best components for one axis (Nelder-Mead over logarithms, `effort` steps per value)."""
     from scipy.optimize import minimize
 
     def cost(logs: Array) -> float:
@@ -216,7 +218,12 @@ def fit(
         return _log_error(moments, components(logs), strengths) + PULL * away
 
     simplex = start + np.vstack([np.zeros(len(start)), 0.3 * np.eye(len(start))])
-    options = {"maxiter": 80 * len(start), "xatol": 0.02, "fatol": 1e-4, "initial_simplex": simplex}
+    options = {
+        "maxiter": effort * len(start),
+        "xatol": 0.02,
+        "fatol": 1e-4,
+        "initial_simplex": simplex,
+    }
     best = minimize(cost, start, method="Nelder-Mead", options=options)
     return components(np.asarray(best.x, float))
 
@@ -255,16 +262,19 @@ FITS = 2 * len(AXES)
 
 
 def fit_all(
-    gathered: Gathered, chosen: Sequence[int], done: Callable[[], None] = lambda: None
+    gathered: Gathered,
+    chosen: Sequence[int],
+    done: Callable[[], None] = lambda: None,
+    effort: int = EFFORT,
 ) -> MotionParameters:
     """Both models from the clips with the indices `chosen`; `done` after each of `FITS` fits."""
     models: dict[str, list[tuple[Component, ...]]] = {"default": [], "kalman": []}
     for axis, name in enumerate(AXES):
         kind = "rotation" if name.startswith("rotation") else "translation"
         moments = [[task[clip][axis] for clip in chosen] for task in gathered]
-        models["default"].append(fit(moments, COMPONENTS[kind], START[kind], STRENGTHS))
+        models["default"].append(fit(moments, COMPONENTS[kind], START[kind], STRENGTHS, effort))
         done()
-        models["kalman"].append(fit(moments, kalman_components, KALMAN_START[kind], (1.0,)))
+        models["kalman"].append(fit(moments, kalman_components, KALMAN_START[kind], (1.0,), effort))
         done()
     return MotionParameters(
         MotionModel(tuple(models["default"])), MotionModel(tuple(models["kalman"]))

@@ -87,7 +87,7 @@ def project_leds(pose: Pose, leds: Array, camera: Pinhole) -> tuple[Array, Array
     """
     arms = leds @ pose.rotation.T
     points, jacobian = cv2.projectPoints(arms, _NO_TURN, pose.translation, camera.matrix, None)
-    return points.reshape(-1, 2), jacobian[:, :6]
+    return np.asarray(points, float).reshape(-1, 2), np.asarray(jacobian, float)[:, :6]
 
 
 def small_rotation(w: NDArray[Any]) -> Array:

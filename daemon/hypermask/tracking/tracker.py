@@ -19,7 +19,14 @@ from hypermask.config import Settings
 from hypermask.errors import DataError
 from hypermask.geometry import Array, Pinhole, Pose, vector_from_rotation
 from hypermask.tracking.assign import AssignSettings, assign
-from hypermask.tracking.blobs import Blobs, BlobSettings, Image, find_blobs, find_blobs_in
+from hypermask.tracking.blobs import (
+    Blobs,
+    BlobSettings,
+    Image,
+    centroids,
+    find_blobs,
+    find_blobs_in,
+)
 from hypermask.tracking.labels import LabelSettings, label_blobs
 from hypermask.tracking.pose import (
     PoseEstimate,
@@ -77,6 +84,11 @@ class TrackResult:
     searching: bool
 
 
+_EDGE_PX = 12.0  # closer to the frame's edge a LED is handled with care
+_Sighting = tuple[Blobs, Array, PoseEstimate | None]
+"""One locked frame: the LEDs' blobs, their points (5, 2) with NaN where unseen, the pose."""
+
+
 @dataclass
 class _Candidate:
     """The frames of one candidate so far; complete: all LEDs were seen in one of them."""
@@ -104,6 +116,7 @@ class Tracker:
         self._candidate = _Candidate()
         self._peaks = np.full(len(self.leds), 255.0)
         self._widths = np.full(len(self.leds), 1.5)
+        self._inside: Array = np.array(camera.size, float) - 1 - _EDGE_PX
         self._limit: Array = np.array([*camera.size, *camera.size], float)
         self._last_pose: Pose | None = None
         self._last_seen = self._last_two = self._last_three = -math.inf
@@ -144,31 +157,56 @@ class Tracker:
     def _follow(self, image: Image, time_s: float, sequence: int) -> TrackResult | None:
         """One locked frame; None when the lock was let go and the frame must be searched."""
         prediction = self.motion.predict(time_s)
-        projected, jacobian = project_leds(prediction.pose, self.leds, self.camera)
-        spread = jacobian @ prediction.covariance @ jacobian.T
-        windows = self._windows(projected, spread)
-        blobs, owners = find_blobs_in(
-            image, windows, self._peaks, self._widths, self.settings.blobs
-        )
-        points, estimate = self._all_agree(prediction.pose, (projected, jacobian), blobs, owners)
-        if estimate is None:
-            chosen = assign(blobs, owners, projected, spread, self._peaks, self.settings.assign)
-            points, sigmas = _spread(blobs, chosen)
-            estimate = self._solve(points, sigmas, prediction)
-        else:
-            chosen = owners
+        projected = project_leds(prediction.pose, self.leds, self.camera)
+        sighting = self._all_at_once(image, prediction.pose, projected)
+        if sighting is None:
+            sighting = self._one_by_one(image, prediction, projected)
+        blobs, points, estimate = sighting
         seen = ~np.isnan(points[:, 0])
         if not self._keeps(estimate, int(np.count_nonzero(seen)), time_s):
             self._release()
             return None
         if estimate is None:
             return TrackResult(time_s, sequence, True, points, None, False)
-        used = chosen[seen]
-        self._peaks[seen] += 0.1 * (blobs.peaks[used] - self._peaks[seen])
-        self._widths[seen] += 0.1 * (blobs.widths[used] - self._widths[seen])
+        self._peaks[seen] += 0.1 * (blobs.peaks[seen] - self._peaks[seen])
+        self._widths[seen] += 0.1 * (blobs.widths[seen] - self._widths[seen])
         self._last_pose = estimate.pose
         self.motion.update(time_s, estimate.pose, estimate.covariance)
         return TrackResult(time_s, sequence, True, points, estimate, False)
+
+    def _all_at_once(
+        self, image: Image, start: Pose, projected: tuple[Array, Array]
+    ) -> _Sighting | None:
+        """The usual frame: every LED close to where it was predicted, as bright as ever, and one
+        pose that explains all of them so well that nothing else need be asked."""
+        points = projected[0]
+        if points.min() < _EDGE_PX or (points > self._inside).any():
+            return None
+        noise = self.settings.blobs.noise_grey
+        blobs = centroids(image, np.column_stack([points, self._widths]), noise)
+        if (blobs.peaks < 0.6 * self._peaks).any() or (
+            blobs.sigmas.max() > 0.15 or blobs.peaks.min() < self.settings.blobs.min_contrast_grey
+        ):
+            return None
+        estimate = solve_all(start, projected, blobs.points, self.leds, self.camera, blobs.sigmas)
+        if estimate is None or estimate.residuals_px.max() > self.settings.agreed_px:
+            return None
+        return blobs, blobs.points, estimate
+
+    def _one_by_one(
+        self, image: Image, prediction: PredictedPose, projected: tuple[Array, Array]
+    ) -> _Sighting:
+        """Look for each LED in a window as wide as the prediction is uncertain."""
+        points, jacobian = projected
+        spread = jacobian @ prediction.covariance @ jacobian.T
+        windows = self._windows(points, spread)
+        blobs, owners = find_blobs_in(
+            image, windows, self._peaks, self._widths, self.settings.blobs
+        )
+        chosen = assign(blobs, owners, points, spread, self._peaks, self.settings.assign)
+        mine = _of_leds(blobs, chosen)
+        estimate = self._solve(mine.points, mine.sigmas, prediction)
+        return mine, mine.points, estimate
 
     def _solve(
         self, points: Array, sigmas: Array, prediction: PredictedPose
@@ -186,18 +224,6 @@ class Tracker:
             return estimate
         points[np.flatnonzero(~np.isnan(points[:, 0]))[worst]] = np.nan
         return self._solve(points, sigmas, prediction)
-
-    def _all_agree(
-        self, start: Pose, projected: tuple[Array, Array], blobs: Blobs, owners: NDArray[np.int64]
-    ) -> tuple[Array, PoseEstimate | None]:
-        """The usual frame: one blob in each window, and one pose that explains all of them so
-        well that nothing else need be asked."""
-        if owners.tolist() != list(range(len(self.leds))):
-            return blobs.points, None
-        estimate = solve_all(start, projected, blobs.points, self.leds, self.camera, blobs.sigmas)
-        if estimate is not None and estimate.residuals_px.max() > self.settings.agreed_px:
-            estimate = None
-        return blobs.points, estimate
 
     def _windows(self, projected: Array, spread: Array) -> NDArray[np.int64]:
         """(5, 4) windows that hold each LED with its skirt, 4 sigma of the prediction wide."""
@@ -260,18 +286,16 @@ class Tracker:
                 self._candidate = _Candidate()
             return self._nothing(time_s, sequence, searching=True)
         seen = found.blobs >= 0
-        points, sigmas = _spread(blobs, found.blobs)
-        estimate = estimate_at(found.pose, points, self.leds, self.camera, sigmas)
+        mine = _of_leds(blobs, found.blobs)
+        estimate = estimate_at(found.pose, mine.points, self.leds, self.camera, mine.sigmas)
         if estimate is None:
             return self._nothing(time_s, sequence, searching=True)
         self._confirm(time_s, estimate, int(np.count_nonzero(seen)))
         if not self.locked:
-            return TrackResult(time_s, sequence, False, points, None, True)
-        self._peaks = np.full(len(self.leds), 255.0)
-        self._widths = np.full(len(self.leds), 1.5)
-        self._peaks[seen] = blobs.peaks[found.blobs[seen]]
-        self._widths[seen] = blobs.widths[found.blobs[seen]]
-        return TrackResult(time_s, sequence, True, points, estimate, True)
+            return TrackResult(time_s, sequence, False, mine.points, None, True)
+        self._peaks = np.where(seen, mine.peaks, 255.0)
+        self._widths = np.where(seen, mine.widths, np.nanmedian(mine.widths))
+        return TrackResult(time_s, sequence, True, mine.points, estimate, True)
 
     def _recent_pose(self, time_s: float) -> Pose | None:
         if self._candidate.estimates:
@@ -345,12 +369,13 @@ class Tracker:
         return TrackResult(time_s, sequence, self.locked, points, None, searching)
 
 
-def _spread(blobs: Blobs, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Points (5, 2) and sigmas (5,) of the chosen blobs, NaN where none was."""
+def _of_leds(blobs: Blobs, chosen: NDArray[np.int64]) -> Blobs:
+    """The chosen blobs (5,), in the LEDs' order, NaN where none was chosen."""
     seen = chosen >= 0
-    points, sigmas = np.full((len(chosen), 2), np.nan), np.full(len(chosen), np.nan)
-    points[seen], sigmas[seen] = blobs.points[chosen[seen]], blobs.sigmas[chosen[seen]]
-    return points, sigmas
+    mine = Blobs(np.full((len(chosen), 2), np.nan), *np.full((3, len(chosen)), np.nan))
+    for own, values in zip(mine, blobs, strict=True):
+        own[seen] = values[chosen[seen]]
+    return mine
 
 
 def _velocity(first: PoseEstimate, second: PoseEstimate, step_s: float) -> tuple[Array, Array]:
