@@ -64,7 +64,8 @@ class PerformerSettings(Settings):
 
 class CameraSettings(Settings):
     """available_ms: from mid-exposure until a read returns the frame. ambient: grey level of the
-    infrared background at 1 ms exposure. buffers: frames kept for a slow reader.
+    infrared background at 1 ms exposure. buffers: frames kept for a slow reader. shiftable:
+    whether the sensor's phase can be moved by longer or shorter blankings.
     """
 
     width: int = Field(1280, ge=16, le=8192)
@@ -77,6 +78,7 @@ class CameraSettings(Settings):
     read_noise: float = Field(2.0, ge=0, le=50)
     ambient: float = Field(8.0, ge=0, le=255)
     psf_px: float = Field(1.0, gt=0.2, le=10)
+    shiftable: bool = True
     phase_ms: Milliseconds = 0.0
     rate_error_ppm: float = Field(0.0, ge=-10000, le=10000)
     buffers: int = Field(4, ge=1, le=64)
@@ -176,7 +178,12 @@ class TrackingSettings(Settings):
 
 
 class CalibrationSettings(Settings):
-    method: Literal["click", "affine", "projective", "exact"] = "click"
+    """method: how the show is calibrated before it begins; "exact" takes the true projector,
+    "stored" the calibration that is in use on this machine. file: take this calibration instead.
+    """
+
+    method: Literal["click", "affine", "projective", "exact", "stored"] = "click"
+    file: str | None = None
     distances_m: tuple[Annotated[float, Field(ge=0.5, le=10)], ...] = (1.2, 1.8, 2.4)
     poses_per_distance: int = Field(2, ge=1, le=20)
     operator_error_px: float = Field(1.0, ge=0, le=100)
@@ -277,6 +284,9 @@ def _anchored(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     for key in ("mask", "show", "character"):
         if key in result:
             result[key] = _anchor(result[key], folder)
+    calibration = result.get("calibration")
+    if isinstance(calibration, dict) and "file" in calibration:
+        result["calibration"] = {**calibration, "file": _anchor(calibration["file"], folder)}
     performer = result.get("performer")
     if isinstance(performer, dict):
         found = {

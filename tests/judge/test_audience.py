@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hypermask_drivers.errors import DeviceError
 from hypermask_drivers.mask import Mask, load_mask
-from hypermask_sim.audience import STAGE_FROM_CAMERA, Audience, lit_window
+from hypermask_sim.audience import CURTAIN_BEHIND_M, STAGE_FROM_CAMERA, Audience, lit_window
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 Array = NDArray[np.float64]
@@ -94,9 +94,13 @@ def spot(
 
 def seen_at(audience: Audience, world: World, x: float, y: float) -> Array:
     """Where in the view the mask's point (x, y) must appear, by the view's own camera."""
+    return in_view(audience, world.surface(x, y))
+
+
+def in_view(audience: Audience, point: Array) -> Array:
+    """View pixel of a point in the camera frame."""
     view, _ = audience._view(0.0)
-    place = STAGE_FROM_CAMERA @ world.surface(x, y)
-    clip = audience._lens() @ view @ np.append(place, 1)
+    clip = audience._lens() @ view @ np.append(STAGE_FROM_CAMERA @ point, 1)
     return np.asarray((clip[:2] / clip[3] + 1) / 2 * [960, 720] - 0.5)
 
 
@@ -120,7 +124,7 @@ def test_light_that_comes_late_is_seen_beside_its_point(audience: Audience, worl
     picture = spot(world, 0.0, 0.08)
     late = audience.render(picture, 0.1).astype(int) - audience.render(BLACK, 0.1)
     rows, columns = np.nonzero(late.max(axis=2) > 40)
-    # The mask has gone 50 mm to the right meanwhile: the light falls 50 mm to the left of its point.
+    # The mask has gone 50 mm to the right meanwhile; the light still falls where it was.
     expected = seen_at(audience, world, 0.0, 0.08)
     assert (columns.mean(), rows.mean()) == pytest.approx(tuple(expected), abs=6)
     on_point = audience.render(BLACK, 0.1)
@@ -144,15 +148,22 @@ def test_light_that_misses_falls_dimly_on_what_is_behind(audience: Audience, wor
     assert 3 < missed < on_mask / 3
 
 
-def test_the_curtain_is_dark_behind_the_mask(audience: Audience, world: World) -> None:
-    flood = np.full_like(BLACK, 255)
-    light = gain(audience, flood)
+def test_the_mask_throws_its_shadow_on_the_curtain(audience: Audience, world: World) -> None:
+    light = gain(audience, np.full_like(BLACK, 255))
     column, row = seen_at(audience, world, 0.0, 0.08).astype(int)
     assert light[row, column] > 120
-    spread = light[light > 2].size
-    assert spread > light.size / 4  # the flood reaches the curtain
-    # What the mask stops leaves its shadow there: to the viewer's side of the figure.
-    assert (light[:, column + 150 : column + 330] <= 2).sum() > 10_000
+
+    def on_curtain(x: float, y: float) -> float:
+        """Light where a ray past the mask's point (x, y) meets the curtain."""
+        lamp = -world.projector.t
+        way = world.surface(x, y) - lamp
+        there = lamp + way * ((world.rest[2] + CURTAIN_BEHIND_M) / way[2])
+        column, row = np.round(in_view(audience, there)).astype(int)
+        return float(light[row, column])
+
+    assert on_curtain(0.05, 0.02) <= 1
+    assert on_curtain(0.09, -0.02) <= 1
+    assert on_curtain(0.16, 0.02) > 5
 
 
 def test_the_white_mask_is_seen_without_light_but_dimly(audience: Audience, world: World) -> None:

@@ -122,6 +122,15 @@ def test_leds_are_found_in_bad_light(name: str) -> None:
     assert error.max() < 0.1
 
 
+def test_hot_pixels_do_not_crowd_out_the_leds() -> None:
+    rng = np.random.default_rng(16)
+    scene = np.full((800, 1280), 10, np.float32)
+    scene[rng.integers(430, 800, 1500), rng.integers(0, 1280, 1500)] = 255
+    image = draw(LEDS, 140.0, rng=rng, into=scene)
+    found = find_blobs(image, BlobSettings(max_blobs=200)).points
+    assert np.linalg.norm(nearest(found, LEDS), axis=1).max() < 0.1
+
+
 def test_glare_and_dirt_give_few_blobs_or_none() -> None:
     """A bad threshold must not eat the CPU: what costs is the number of blobs."""
     rng = np.random.default_rng(15)

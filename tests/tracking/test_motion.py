@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -205,7 +206,7 @@ def test_an_uncertainty_grows_with_the_lead() -> None:
     motion = MotionFilter()
     follow(motion, walk, np.arange(0, 1.0, 1 / RATE_HZ))
     spreads = [np.diagonal(motion.predict(1.0 + lead).covariance) for lead in (0, 0.02, 0.1, 0.5)]
-    for near, far in zip(spreads, spreads[1:], strict=False):
+    for near, far in pairwise(spreads):
         assert (far > near).all()
 
 

@@ -14,13 +14,14 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Indices = NDArray[np.int32]
 
-EYE_DEPTH_M, BAG_DEPTH_M, TEETH_DEPTH_M = 0.005, 0.012, 0.007
+EYE_DEPTH_M, TEETH_DEPTH_M, BAG_DEPTH_M = 0.0035, 0.0035, 0.008
+"""Behind the skin: enough to be hidden by it, little enough not to shift when seen from aside."""
 _EYE_GRID = (7, 5)
 _TEETH_COLUMNS = 17
 _TEETH_HALF_WIDTH = 0.80
 _UPPER_SHARE, _LOWER_SHARE = 0.50, 0.24
 _UPPER_SHOWN_M, _LOWER_SHOWN_M = 0.0080, 0.0042
-_HIDDEN_GAP_M = 0.0012
+_HIDDEN_GAP_M, _WELL_OPEN_M, _BEHIND_LIP_M = 0.0012, 0.0040, 0.0030
 _UPPER_HEIGHT, _LOWER_HEIGHT = 0.34, 0.26
 """In half widths of the mouth."""
 
@@ -108,9 +109,11 @@ def teeth_places(flat: Array, half_width: float) -> tuple[Array, Array]:
     open_gap = np.maximum(gap - _HIDDEN_GAP_M, 0)
     width = np.clip(corners / (half_width * 0.87), 0, 1) ** 2
     shown = np.minimum(_UPPER_SHARE * open_gap, _smile(x, half_width) * _UPPER_SHOWN_M * width)
-    upper_edge = top - shown
-    lower_edge = bottom + np.minimum(_LOWER_SHARE * open_gap, _LOWER_SHOWN_M * width)
-    arch = (x / half_width) ** 2 * 0.006
+    hidden = _BEHIND_LIP_M * np.clip(1 - open_gap / _WELL_OPEN_M, 0, 1)
+    upper_edge = top - shown + hidden
+    shown = np.minimum(_LOWER_SHARE * open_gap, _LOWER_SHOWN_M * width)
+    lower_edge = bottom + shown - hidden
+    arch = (x / half_width) ** 2 * 0.003
     upper_root = upper_edge + _UPPER_HEIGHT * half_width
     lower_root = lower_edge - _LOWER_HEIGHT * half_width
     return _strip(x, lower_edge, lower_root, arch), _strip(x, upper_root, upper_edge, arch)

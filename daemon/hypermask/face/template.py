@@ -32,7 +32,7 @@ _LIP_REACH_MM = 20.0
 # (height above the pupils in a face with 62 mm between them, height on the mask), both in mm:
 # below the chin, chin, mouth, under the nose, tip, pupils, brows, top of the forehead.
 _HEIGHTS = (
-    *((-130.0, -124.0), (-113.2, -107.0), (-68.1, -57.5), (-46.6, -34.0), (-39.5, -25.0)),
+    *((-130.0, -124.0), (-113.2, -107.0), (-68.1, -57.5), (-46.6, -34.0), (-36.0, -22.0)),
     *((0.0, 25.0), (21.5, 49.0), (52.5, 87.0), (70.0, 106.0)),
 )
 

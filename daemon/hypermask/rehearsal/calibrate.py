@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
+from hypermask.calibration import storage
 from hypermask.calibration.outcome import Method, Outcome
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.planar import Planar
@@ -28,7 +30,7 @@ _PLANAR: dict[str, Method] = {"planar": "affine", "planar_projective": "projecti
 
 
 def method_of(scenario: Scenario) -> Method | None:
-    """The calibration a scenario asks for; None for the true matrices.
+    """The session a scenario asks for; None for one that needs no clicks.
 
     Raises `ConfigError` CFG-VALUE where mapping and method do not go together.
     """
@@ -40,12 +42,15 @@ def method_of(scenario: Scenario) -> Method | None:
                 f"calibration.method '{method}' does not give what mapping 'procam' needs",
                 "Set mapping to planar, or the method to click.",
             )
-        return None if method == "exact" else "click"
+        return None if method in ("exact", "stored") else "click"
     return method if method in ("affine", "projective") else _PLANAR[scenario.mapping]
 
 
 def calibrate(world: World, journal: Journal) -> ProCam | Planar:
     """Run the session that the scenario asks for, before the show."""
+    settings = world.scenario.calibration
+    if settings.file is not None or settings.method == "stored":
+        return _stored(world.scenario, journal)
     method = method_of(world.scenario)
     if method is None:
         journal(0.0, "CAL-EXACT", "The true projector is used; no calibration was made.")
@@ -58,6 +63,25 @@ def calibrate(world: World, journal: Journal) -> ProCam | Planar:
         + "; ".join(outcome.lines()),
     )
     return outcome.calibration
+
+
+def _stored(scenario: Scenario, journal: Journal) -> ProCam | Planar:
+    """Raises `DataError` CAL-READ, CAL-NONE; `ConfigError` CFG-VALUE for another mapping's."""
+    file = scenario.calibration.file
+    stored, warning = (
+        (storage.read(Path(file)), None) if file is not None else storage.load_current()
+    )
+    if warning is not None:
+        journal(0.0, "CAL-READ", warning)
+    if isinstance(stored.calibration, Planar) != (scenario.mapping != "procam"):
+        raise ConfigError(
+            "CFG-VALUE",
+            f"the calibration {stored.name} ({stored.method}) does not fit mapping "
+            f"'{scenario.mapping}'",
+            "Choose the mapping that it was made for, or calibrate again.",
+        )
+    journal(0.0, "CAL-STORED", f"{stored.name}: {stored.expected_mm:.2f} mm expected")
+    return stored.calibration
 
 
 def calibrate_by_clicks(world: World, method: Method) -> tuple[Outcome, int]:

@@ -31,7 +31,7 @@ class BlobSettings(Settings):
     min_contrast_grey: float = Field(16.0, gt=0)
     max_size_px: float = Field(40.0, gt=0)
     max_blobs: int = Field(36, ge=5)
-    max_contours: int = Field(400, ge=5)
+    max_seeds: int = Field(400, ge=5)
     # More pixels than this above the threshold are glare, not LEDs.
     max_bright_fraction: float = Field(0.01, gt=0, le=1)
 
@@ -64,7 +64,9 @@ def find_blobs(image: Image, settings: BlobSettings) -> Blobs:
         return NO_BLOBS
     contours = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
     seeds: list[Seed] = []
-    for contour in contours[: settings.max_contours]:
+    for contour in contours:
+        if len(seeds) >= settings.max_seeds:
+            break
         _add_seeds(seeds, image, cv2.boundingRect(contour), (0, 0), rise, settings)
     if not seeds:
         return NO_BLOBS

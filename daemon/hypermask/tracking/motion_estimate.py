@@ -46,7 +46,8 @@ def advance(estimate: Record, model: MotionModel, step_s: float, drive: Array) -
     n = model.states
     half = (transition @ estimate["covariance"].reshape(6, n, 6 * n)).reshape(6 * n, 6 * n)
     covariance = (transition @ half.T.reshape(6, n, 6 * n)).reshape(6, n, 6, n)
-    covariance[_EACH, :, _EACH, :] += model.noise(step_s) * drive[:, None, None]
+    own = np.einsum("aiaj->aij", covariance)  # a view of the six diagonal blocks
+    own += model.noise(step_s) * drive[:, None, None]
     estimate["covariance"] = covariance.reshape(6 * n, 6 * n)
     _fold(estimate, (transition @ estimate["state"][:, :, None])[:, :, 0])
 

@@ -8,7 +8,7 @@ locked      only windows round the predicted LEDs are read
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from pydantic import Field
 
 from hypermask.config import Settings
 from hypermask.errors import DataError
-from hypermask.geometry import Array, Pinhole, Pose, vector_from_rotation
+from hypermask.geometry import Array, Pinhole, Pose
 from hypermask.tracking.assign import AssignSettings, assign
 from hypermask.tracking.blobs import (
     Blobs,
@@ -27,6 +27,7 @@ from hypermask.tracking.blobs import (
     find_blobs,
     find_blobs_in,
 )
+from hypermask.tracking.confirm import Candidate, ConfirmSettings
 from hypermask.tracking.labels import LabelSettings, label_blobs
 from hypermask.tracking.pose import (
     PoseEstimate,
@@ -46,14 +47,7 @@ class TrackerSettings(Settings):
     blobs: BlobSettings = BlobSettings()
     labels: LabelSettings = LabelSettings()
     assign: AssignSettings = AssignSettings()
-    confirm_frames: int = Field(3, ge=1)
-    confirm_frames_four: int = Field(6, ge=1)
-    max_confirm_gap_s: float = Field(0.05, gt=0)
-    # A head on a stage: faster is no head.
-    max_speed: float = Field(5.0, gt=0)
-    max_turn_rate: float = Field(30.0, gt=0)
-    max_acceleration: float = Field(150.0, gt=0)
-    max_turn_acceleration: float = Field(1500.0, gt=0)
+    confirm: ConfirmSettings = ConfirmSettings()
     # How long a lock lives on too few LEDs before the whole frame is searched again.
     max_two_leds_s: float = Field(0.10, ge=0)
     max_blind_s: float = Field(0.06, ge=0)
@@ -89,15 +83,6 @@ _Sighting = tuple[Blobs, Array, PoseEstimate | None]
 """One locked frame: the LEDs' blobs, their points (5, 2) with NaN where unseen, the pose."""
 
 
-@dataclass
-class _Candidate:
-    """The frames of one candidate so far; complete: all LEDs were seen in one of them."""
-
-    times: list[float] = field(default_factory=list)
-    estimates: list[PoseEstimate] = field(default_factory=list)
-    complete: bool = False
-
-
 class Tracker:
     """Feed it every frame in order; it feeds the motion filter while locked.
 
@@ -113,7 +98,7 @@ class Tracker:
         self.motion = motion
         self.locked = False
         self._time = -math.inf
-        self._candidate = _Candidate()
+        self._candidate = Candidate(self.settings.confirm)
         self._peaks = np.full(len(self.leds), 255.0)
         self._widths = np.full(len(self.leds), 1.5)
         self._inside: Array = np.array(camera.size, float) - 1 - _EDGE_PX
@@ -271,7 +256,7 @@ class Tracker:
 
     def _release(self) -> None:
         self.locked = False
-        self._candidate = _Candidate()
+        self._candidate = Candidate(self.settings.confirm)
         self._bad_frames = 0
 
     # Searching and confirming ---------------------------------------------------------------
@@ -282,8 +267,6 @@ class Tracker:
             blobs.points, self.leds, self.camera, self.settings.labels, self._recent_pose(time_s)
         )
         if found is None:
-            if self._candidate.times and self._stale(time_s):
-                self._candidate = _Candidate()
             return self._nothing(time_s, sequence, searching=True)
         seen = found.blobs >= 0
         mine = _of_leds(blobs, found.blobs)
@@ -298,55 +281,26 @@ class Tracker:
         return TrackResult(time_s, sequence, True, mine.points, estimate, True)
 
     def _recent_pose(self, time_s: float) -> Pose | None:
-        if self._candidate.estimates:
-            return self._candidate.estimates[-1].pose
-        if time_s - self._last_seen <= self.settings.prior_lifetime_s:
+        """The latest pose, sighted or locked, while it still tells something."""
+        lifetime, candidate = self.settings.prior_lifetime_s, self._candidate
+        if candidate.times and time_s - candidate.times[-1] <= lifetime:
+            return candidate.estimates[-1].pose
+        if time_s - self._last_seen <= lifetime:
             return self._last_pose
         return None
 
-    def _stale(self, time_s: float) -> bool:
-        return time_s - self._candidate.times[-1] > self.settings.max_confirm_gap_s
-
     def _confirm(self, time_s: float, estimate: PoseEstimate, count: int) -> None:
-        """Add a sighting; lock when enough in a row move as one head can."""
-        s = self.settings
+        """Take a sighting; lock when enough in a row are believed."""
         candidate = self._candidate
-        if candidate.times and (self._stale(time_s) or not self._follows(time_s, estimate)):
-            candidate = self._candidate = _Candidate()
-        candidate.complete |= count == len(self.leds)
-        candidate.times.append(time_s)
-        candidate.estimates.append(estimate)
-        if len(candidate.times) < (
-            s.confirm_frames if candidate.complete else s.confirm_frames_four
-        ):
+        if not candidate.believed(time_s, estimate, complete=count == len(self.leds)):
             return
         self.motion.reset()
         for when, sighting in zip(candidate.times, candidate.estimates, strict=True):
             self.motion.update(when, sighting.pose, sighting.covariance)
+        self._release()
         self.locked = True
-        self._candidate = _Candidate()
-        self._bad_frames = 0
         self._last_pose = estimate.pose
         self._last_seen = self._last_two = self._last_three = time_s
-
-    def _follows(self, time_s: float, estimate: PoseEstimate) -> bool:
-        """Whether the sighting continues the candidate's motion plausibly."""
-        s, c = self.settings, self._candidate
-        velocity, noise = _velocity(c.estimates[-1], estimate, time_s - c.times[-1])
-        limits = np.repeat([s.max_turn_rate, s.max_speed], 3)
-        if (np.abs(velocity) > limits + 4 * noise).any():
-            return False
-        if len(c.times) < 2:
-            return True
-        before, noise_before = _velocity(
-            c.estimates[-2], c.estimates[-1], c.times[-1] - c.times[-2]
-        )
-        change = np.abs(velocity - before)
-        span = (time_s - c.times[-2]) / 2
-        limits = np.repeat([s.max_turn_acceleration, s.max_acceleration], 3) * span
-        return bool((change <= limits + 4 * (noise + noise_before)).all())
-
-    # ----------------------------------------------------------------------------------------
 
     def _checked(self, image: Image) -> Image:
         width, height = self.camera.size
@@ -376,11 +330,3 @@ def _of_leds(blobs: Blobs, chosen: NDArray[np.int64]) -> Blobs:
     for own, values in zip(mine, blobs, strict=True):
         own[seen] = values[chosen[seen]]
     return mine
-
-
-def _velocity(first: PoseEstimate, second: PoseEstimate, step_s: float) -> tuple[Array, Array]:
-    """(6,) velocity between two sightings and its standard deviation."""
-    turn = vector_from_rotation(second.pose.rotation @ first.pose.rotation.T)
-    move = second.pose.translation - first.pose.translation
-    noise = np.sqrt(np.diag(first.covariance) + np.diag(second.covariance))
-    return np.concatenate([turn, move]) / step_s, noise / step_s

@@ -19,6 +19,7 @@ from hypermask_drivers.errors import DataError
 _PCM, _FLOAT, _EXTENSIBLE = 0x0001, 0x0003, 0xFFFE
 # Recorders that write to a pipe, or were killed, leave a size from here up (or 0): "to the end".
 _UNKNOWN_SIZE = 0x7FFF0000
+_RATES_HZ = (1000, 768000)
 
 _Samples = NDArray[np.float32]
 
@@ -114,6 +115,8 @@ def _format(path: Path, chunk: bytes) -> _Format:
         code = struct.unpack_from("<H", chunk, 24)[0]  # the sub-format's GUID begins with it
     if channels == 0 or rate == 0 or frame_bytes != channels * ((bits + 7) // 8):
         raise _bad(path, "contradicts itself in its format")
+    if not _RATES_HZ[0] <= rate <= _RATES_HZ[1]:
+        raise _bad(path, f"has an impossible rate of {rate} Hz")
     return _Format(code, channels, float(rate), frame_bytes, bits)
 
 

@@ -102,6 +102,8 @@ class SimCamera(SimDevice, Camera):
     def shift_phase(self, delay_s: float) -> float:
         """At most half a period; made over the coming frames, 2 % of a period each."""
         self._advance(self._check())
+        if not self._settings.shiftable:
+            return 0.0
         half = self._period_s / 2
         delay = min(max(delay_s, -half), half)
         self._shift_s += delay
