@@ -50,7 +50,7 @@ def eye_layer(eyes: Image) -> tuple[MeshLayer, Array]:
 
 
 def bag_layer() -> MeshLayer:
-    """A ring of 20 points half-way into the lips around a middle, with a painted texture."""
+    """A ring of 20 points well inside the lips around a middle, with a painted texture."""
     count = len(points.LIPS_INNER)
     angle = np.pi - np.arange(count) / count * 2 * np.pi
     ring = np.stack([0.5 + 0.5 * np.cos(angle), 0.5 - 0.5 * np.sin(angle)], 1)
@@ -63,7 +63,7 @@ def bag_layer() -> MeshLayer:
 def bag_places(flat: Array) -> Array:
     """(21, 2) metres for the skin's vertices (V, 2)."""
     inner, outer = flat[list(points.LIPS_INNER)], flat[list(points.LIPS_OUTER)]
-    ring = 0.6 * inner + 0.4 * outer
+    ring = 0.3 * inner + 0.7 * outer
     return np.concatenate([ring, inner.mean(axis=0, keepdims=True)])
 
 

@@ -24,8 +24,8 @@ from hypermask_sim.world import World
 D = TypeVar("D", bound=Device)
 
 # How far a data sheet and a tape measure are from the truth (one sigma): focal length 1 %,
-# principal point 10 px, turn 0.5 degrees, place 8 mm.
-_DATA_SHEET_SIGMA = np.array([19.0, 10, 10, *np.radians([0.5] * 3), 0.008, 0.008, 0.008])
+# principal point 10 px, turn 0.5 degrees, place 2 mm.
+_DATA_SHEET_SIGMA = np.array([19.0, 10, 10, *np.radians([0.5] * 3), 0.002, 0.002, 0.002])
 
 
 @dataclass

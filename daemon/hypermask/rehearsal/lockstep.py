@@ -152,8 +152,8 @@ class LockStep:
         """Let the tracker, the voice and the show do what they can before the latch."""
         clock, camera = self.cart.clock, self.cart.camera
         last_s = latch_s - self._latency.tracking_ms * 1e-3
-        while camera.state is camera.state.READY:
-            arrival_s = _arrival(camera)
+        while True:
+            arrival_s = self.tracker.camera.use(lambda _: camera.next_arrival_s())
             if arrival_s is None or arrival_s > last_s + 1e-9:
                 break
             clock.sleep_until(arrival_s)
@@ -177,16 +177,6 @@ class LockStep:
         )
         self.stage.draw(self._probe_buffer, probe)
         return self._probe_buffer
-
-
-def _arrival(camera: object) -> float | None:
-    from hypermask_drivers.errors import DeviceError
-
-    try:
-        arrival: float = camera.next_arrival_s()  # type: ignore[attr-defined]
-    except DeviceError:
-        return None
-    return arrival
 
 
 def read_back(framebuffer: moderngl.Framebuffer) -> Image:

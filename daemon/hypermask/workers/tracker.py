@@ -38,7 +38,7 @@ class TrackerWorker:
         charge_s: float = 0.0,
         observer: Observer | None = None,
     ) -> None:
-        self._camera = Kept(camera, "camera", clock, report)
+        self.camera = Kept(camera, "camera", clock, report)
         self._tracker, self._motion, self._points = tracker, motion, PointKalman()
         self._board, self._clock, self._report = board, clock, report
         self._aligner = aligner or PhaseAligner()
@@ -54,8 +54,8 @@ class TrackerWorker:
 
     def step(self, timeout_s: float = 0.0) -> bool:
         """Take one frame if there is one; False when there was none."""
-        frame = self._camera.use(lambda camera: camera.read(timeout_s))
-        self._record["camera_ready"] = self._camera.ready()
+        frame = self.camera.use(lambda camera: camera.read(timeout_s))
+        self._record["camera_ready"] = self.camera.ready()
         if frame is None:
             return False
         began = time.perf_counter()
@@ -95,7 +95,7 @@ class TrackerWorker:
         pace = self._board.pace.latest()
         if pace is None:
             return
-        camera = self._camera.device
+        camera = self.camera.device
         latch_s = float(pace["flip_s"] - pace["latch_lead_s"])
         delay = self._aligner.delay(
             self._clock.now() + self._charge_s,
@@ -104,4 +104,4 @@ class TrackerWorker:
             float(pace["period_s"]),
         )
         if delay:
-            self._camera.use(lambda device: device.shift_phase(delay))
+            self.camera.use(lambda device: device.shift_phase(delay))

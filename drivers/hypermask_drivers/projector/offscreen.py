@@ -55,6 +55,10 @@ class OffscreenProjector(Projector):
         self._missed = 0
         self._state = DeviceState.READY
 
+    def forget_flips(self) -> None:
+        """The display was away: the time without it is no missed flip. The context stays."""
+        self._last_flip = None
+
     def close(self) -> None:
         if self._context is not None:
             self._context.release()

@@ -45,9 +45,9 @@ class SimProjector(SimDevice, Projector):
         self._presented = 0
 
     def _opened(self, now_s: float) -> None:
-        self._screen.close()
+        # A display that was away comes back; what was loaded into the GPU is still there.
         self._screen.open()
-        self._presented = 0
+        self._screen.forget_flips()
 
     def close(self) -> None:
         self._screen.close()

@@ -1,0 +1,123 @@
+"""What the user sees of a mistake: one clear line with a code, an exit code, never a traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).parents[2].parent / "shared" / "data"
+SHORT = ("--no-pictures", "--set", "duration_s=0.3", "--set", "calibration.method=exact")
+
+
+def hypermask(
+    *arguments: str, home: Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | ({"HYPERMASK_HOME": str(home)} if home else {})
+    return subprocess.run(
+        [sys.executable, "-m", "hypermask.cli.main", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env=environment,
+    )
+
+
+def assert_one_clear_line(done: subprocess.CompletedProcess[str], code: str, status: int) -> None:
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stderr + done.stdout
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    assert len(lines) == 1 and lines[0].startswith(f"{code}: "), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("assignment", "code", "status"),
+    [
+        ("performer.motoin=walk", "CFG-KEY", 2),
+        ("performer.distance_m=near", "CFG-VALUE", 2),
+        ("performer.distance_m=1e9", "CFG-VALUE", 2),
+        ("performer.voice=absent.wav", "VOICE-ABSENT", 2),
+        ("performer.motion=absent.csv", "MOTION-ABSENT", 2),
+        ("character=nobody", "CHAR-ABSENT", 1),
+        ("show=absent.toml", "CFG-ABSENT", 2),
+        ("calibration.file=absent.json", "CAL-READ", 1),
+        ("mask=nothing", "MASK-ABSENT", 2),
+        ("nonsense", "SET-FORM", 2),
+    ],
+)
+def test_a_wrong_key_or_file_is_one_line(
+    tmp_path: Path, assignment: str, code: str, status: int
+) -> None:
+    done = hypermask("rehearse", "--set", assignment, "--out", str(tmp_path / "out"))
+    assert_one_clear_line(done, code, status)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "t_s,x_m,y_m,z_m,qw,qx,qy,qz\n0.0,0,0,0,1,0,0,0\n0.1,0,0",
+        "t_s,x_m,y_m,z_m,qw,qx,qy,qz\n0.1,0,0,0,1,0,0,0\n0.0,0,0,0,1,0,0,0\n",
+        "t_s,x_m,y_m,z_m,qw,qx,qy,qz\n0.0,nan,0,0,1,0,0,0\n0.1,0,0,0,1,0,0,0\n",
+        "\x00\x01\x02",
+        "",
+    ],
+)
+def test_a_truncated_or_garbled_clip_is_one_line(tmp_path: Path, content: str) -> None:
+    clip = tmp_path / "clip.csv"
+    clip.write_text(content)
+    done = hypermask("rehearse", "--set", f"performer.motion={clip}")
+    assert_one_clear_line(done, "MOTION-FORMAT", 2 if done.returncode == 2 else 1)
+
+
+def test_an_unreadable_calibration_is_one_line(tmp_path: Path) -> None:
+    made = hypermask("calibrate", "rehearse", "--json", home=tmp_path)
+    stored = Path(json.loads(made.stdout)["file"])
+    stored.write_bytes(stored.read_bytes()[:-200])
+    done = hypermask("rehearse", "--set", f"calibration.file={stored}")
+    assert_one_clear_line(done, "CAL-READ", 1)
+    done = hypermask("rehearse", "--set", "calibration.method=stored", home=tmp_path)
+    assert_one_clear_line(done, "CAL-READ", 1)
+
+
+def test_an_error_is_json_for_programs() -> None:
+    done = hypermask("rehearse", "--json", "--set", "performer.motoin=walk")
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["error"]["code"] == "CFG-KEY"
+
+
+def test_a_report_is_json_for_programs(tmp_path: Path) -> None:
+    done = hypermask("rehearse", "--json", *SHORT, "--out", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == json.loads((tmp_path / "report.json").read_text())
+
+
+def test_an_unknown_option_is_wrong_usage() -> None:
+    assert hypermask("rehearse", "--wrong").returncode == 2
+
+
+@pytest.mark.parametrize("command", ["rehearse", "bench", "doctor", "face", "voice", "calibrate"])
+def test_every_command_explains_itself(command: str) -> None:
+    done = hypermask(command, "--help")
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) > 5
+
+
+def test_a_full_disk_is_one_line() -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("there is no /dev/full")
+    done = hypermask("rehearse", *SHORT, "--out", "/dev/full/out")
+    assert_one_clear_line_among_progress(done, "DISK-WRITE")
+
+
+def assert_one_clear_line_among_progress(
+    done: subprocess.CompletedProcess[str], code: str
+) -> None:
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert any(line.startswith(f"{code}: ") for line in done.stderr.splitlines())
