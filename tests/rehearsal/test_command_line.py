@@ -14,9 +14,7 @@ SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 SHORT = ("--no-pictures", "--set", "duration_s=0.3", "--set", "calibration.method=exact")
 
 
-def hypermask(
-    *arguments: str, home: Path | None = None
-) -> subprocess.CompletedProcess[str]:
+def hypermask(*arguments: str, home: Path | None = None) -> subprocess.CompletedProcess[str]:
     environment = os.environ | ({"HYPERMASK_HOME": str(home)} if home else {})
     return subprocess.run(
         [sys.executable, "-m", "hypermask.cli.main", *arguments],
@@ -115,9 +113,7 @@ def test_a_full_disk_is_one_line() -> None:
     assert_one_clear_line_among_progress(done, "DISK-WRITE")
 
 
-def assert_one_clear_line_among_progress(
-    done: subprocess.CompletedProcess[str], code: str
-) -> None:
+def assert_one_clear_line_among_progress(done: subprocess.CompletedProcess[str], code: str) -> None:
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert any(line.startswith(f"{code}: ") for line in done.stderr.splitlines())

@@ -156,9 +156,7 @@ def test_a_lost_projector_comes_back_with_its_picture(clicked: Any) -> None:
     assert codes.count("PRJ-LOST") == 1 and codes.count("PROJECTOR-BACK") == 1
     late = [
         rms
-        for time_s, rms in zip(
-            result["series"]["light_s"], result["series"]["rms_mm"], strict=True
-        )
+        for time_s, rms in zip(result["series"]["light_s"], result["series"]["rms_mm"], strict=True)
         if time_s > 2.3
     ]
     assert late and all(rms is not None and rms < 2.0 for rms in late)

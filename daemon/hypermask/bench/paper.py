@@ -26,7 +26,8 @@ def bands(progress: bool) -> Table:
             measured = Judge.summary(played(cart.still(distance), made).measured).rms
             expected = made.expected_error_m(distance) * 1e3
             band = "inside" if near <= distance <= far else "outside"
-            rows.append((kind, f"{baseline * 1e3:.0f} mm", f"{distance:.1f} m", measured, expected, band))
+            where = f"{baseline * 1e3:.0f} mm", f"{distance:.1f} m"
+            rows.append((kind, *where, measured, expected, band))
     return Table(
         "paper",
         "Paper mode: planar maps calibrated at 1.8 m",

@@ -23,14 +23,16 @@ def build(
     as_json: JsonOption = False,
 ) -> None:
     """Make a character from one photograph."""
+    from hypermask import paths
     from hypermask.texture.build import build_character
 
-    built = build_character(photo, name, out)
+    shelf = out or paths.home() / "characters"
+    folder = shelf / build_character(photo, name, shelf).name
     if as_json:
-        print_json({"name": built.name, "folder": str(built.folder)})
+        print_json({"name": name, "folder": str(folder)})
     else:
-        console.print(f"The character '{built.name}' is ready in {built.folder}")
-        console.print(f"Try it: hypermask rehearse --set character={built.folder}")
+        console.print(f"The character '{name}' is ready in {folder}")
+        console.print(f"Try it: hypermask rehearse --set character={folder}")
 
 
 @app.command("list")

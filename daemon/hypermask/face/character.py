@@ -206,6 +206,9 @@ def find_character(name: str | Path) -> Path:
     candidates = [given] if given.name != str(name) else []
     candidates += [shelf / str(name) for shelf in _shelves() if _NAME.fullmatch(str(name))]
     candidates.append(given)
+    # A folder into which one character was built stands for that character.
+    inner = [file.parent for file in given.glob("*/character.toml")] if given.is_dir() else []
+    candidates += inner if len(inner) == 1 else []
     for folder in candidates:
         if (folder / "character.toml").is_file():
             return folder

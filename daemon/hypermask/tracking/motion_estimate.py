@@ -113,7 +113,7 @@ def _tempered(measured: Array, innovation: Array, prior: Array) -> tuple[Array, 
     """A measurement whose attitude is so vague that small-angle algebra fails.
 
     Rotation vectors do not add: a vague one of angle r leaks r/2 of the prediction's error across
-    its own direction, which is added to the noise. Near half a turn only the position counts.
+    its own direction, which is added to the noise. Beyond a radian only the position counts.
     """
     angle = float(np.linalg.norm(innovation[:3]))
     measured = measured.copy()
@@ -127,4 +127,4 @@ def _tempered(measured: Array, innovation: Array, prior: Array) -> tuple[Array, 
 
 _EACH = np.arange(6)
 _VAGUE_RAD = 0.1
-_TURNED_RAD = 0.5
+_TURNED_RAD = 1.0
