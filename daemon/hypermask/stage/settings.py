@@ -26,7 +26,7 @@ class StageSettings(Settings):
     mean_light_limit: float = Field(1.0, gt=0, le=1)
     projector_gamma: float = Field(2.2, ge=1, le=4)
     outline_soft_m: float = Field(0.004, gt=0, le=0.03)
-    eye_hole_margin_m: float = Field(0.002, ge=0, le=0.02)
+    eye_hole_margin_m: float = Field(0.001, ge=0, le=0.02)
     eye_hole_soft_m: float = Field(0.0015, gt=0, le=0.01)
     mask_lost_after_s: float = Field(0.15, ge=0)
     fade_out_s: float = Field(0.2, gt=0, le=0.25)

@@ -209,7 +209,12 @@ def fit(
     effort: int,
 ) -> tuple[Component, ...]:
     """Best components for one axis (Nelder-Mead over logarithms, `effort` steps per value)."""
-    from scipy.optimize import minimize
+    try:
+        from scipy.optimize import minimize
+    except ImportError:
+        raise HypermaskError(
+            "MOTION-SCIPY", "fitting motion models needs scipy", "Install scipy (python3-scipy)."
+        ) from None
 
     def cost(logs: Array) -> float:
         away = float(np.sum((logs - start) ** 2))
