@@ -73,11 +73,15 @@ def tracking(progress: bool) -> Table:
 
 def _times(name: str, title: str, result: dict[str, Any], note: str) -> Table:
     rows = [
-        (key.replace("_", " "), value["p50"], value["p99"])
+        (key.replace("_", " "), _ms(value, "p50"), _ms(value, "p99"))
         for key, value in result.items()
         if isinstance(value, dict)
     ]
     return Table(name, title, ("what", "p50 ms", "p99 ms"), rows, (note,), data={"raw": result})
+
+
+def _ms(value: dict[str, Any], quantile: str) -> float:
+    return float(value.get(f"{quantile}_ms", value.get(quantile)))
 
 
 def prediction(progress: bool) -> Table:

@@ -117,6 +117,21 @@ class LockStep:
         self._renderer.release()
         self.cart.projector.close()
 
+    def warm_up(self) -> None:
+        """Draw every character once, so that shaders are compiled and textures are in place before
+        the first flip that counts."""
+        width, height = self._mode.width, self._mode.height
+        matrix = np.array([[900.0, 0, 0, width / 2], [0, -900.0, 0, height / 2], [0, 0, 0, 1.0]])
+        nothing = np.zeros(6), np.zeros(13)
+        items = [self._cast.item(name, 1.0, *nothing, 0.0) for name in self._cast.names]
+        for shown in [*([item] for item in items), items[:2], items]:
+            picture = Picture(0.0, matrix, tuple(shown), 0.5, None)
+            for framebuffer in (self.cart.projector.framebuffer, self._probe_buffer):
+                self.stage.draw(framebuffer, picture)
+                read_back(framebuffer)
+        self.stage.draw(self.cart.projector.framebuffer, Picture(0.0, None, (), 0.0, None))
+        self.stage.compute_s.clear()
+
     def play(self, duration_s: float) -> Iterator[Flip | None]:
         """Play until `duration_s` after the cart's time 0; None for a flip without a projector."""
         clock, end_s = self.cart.clock, self.cart.world.origin_s + duration_s

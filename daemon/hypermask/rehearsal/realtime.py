@@ -67,6 +67,7 @@ class RealTimeStage:
         self._film_every = max(1, round(FILM_EVERY * self._cart.scenario.projector.rate_hz / 60))
         self.kept: list[Kept] = []
         self.leads_s: list[float] = []
+        self._cost_s = {"film": 0.002, "judge": 0.006}
         self.pacer = Pacer(1 / self._cart.scenario.projector.rate_hz)
 
     def play(self, end_s: float, on_flip: Any) -> None:
@@ -75,7 +76,8 @@ class RealTimeStage:
         index = 0
         while clock.now() < end_s:
             flip_s = projector.next_flip_s()
-            latch_s = self.pacer.latch_s(flip_s)
+            # When reading back took too long, that is no cost of drawing: count from now.
+            latch_s = max(self.pacer.latch_s(flip_s), clock.now())
             clock.sleep_until(latch_s)
             lockstep.stage.announce(flip_s, flip_s - latch_s)
             picture = lockstep.stage.latch(clock.now(), flip_s + projector.mode.light_delay_s)
@@ -85,24 +87,34 @@ class RealTimeStage:
             shown_s = projector.present()
             self.pacer.flipped(flip_s, shown_s)
             late_s = shown_s - flip_s
-            self._keep(index, shown_s, _moved(picture, late_s))
+            self._keep(index, shown_s, _moved(picture, late_s), projector.next_flip_s())
             on_flip(shown_s)
             index += 1
 
-    def _keep(self, index: int, flip_s: float, picture: Picture) -> None:
+    def _keep(self, index: int, flip_s: float, picture: Picture, next_flip_s: float) -> None:
+        """Read back for the film and for the judge in turn, where the time until the next latch
+        allows it: flips come first."""
         if picture.lead_s is not None and picture.items:
             self.leads_s.append(picture.lead_s)
-        phase = index % self._film_every
+        kind = {0: "film", self._film_every // 2: "judge"}.get(index % self._film_every)
+        spare_s = next_flip_s - self.pacer.budget_s - self._clock.now()
+        if kind is None or spare_s < self._cost_s[kind]:
+            if kind is not None:
+                self._cost_s[kind] *= 0.99  # so that it is tried again some time
+            return
+        began_s = self._clock.now()
         shown = probe = None
         if self._lockstep.test_only:
-            if phase in (0, self._film_every // 2):
-                shown = probe = self._read(self._cart.projector.framebuffer, picture)
-        elif phase == 0:
+            shown = probe = self._read(self._cart.projector.framebuffer, picture)
+        elif kind == "film":
             shown = self._read(self._cart.projector.framebuffer, picture)
-        elif phase == self._film_every // 2:
+        else:
             probe = self._read(self._lockstep.draw_probe(picture), picture)
-        if phase in (0, self._film_every // 2):
-            self.kept.append(Kept(index, flip_s, picture, shown, probe))
+        self.kept.append(Kept(index, flip_s, picture, shown, probe))
+        spent_s = self._clock.now() - began_s
+        self._cost_s[kind] += (0.5 if spent_s > self._cost_s[kind] else 0.05) * (
+            spent_s - self._cost_s[kind]
+        )
 
     def _read(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> Cut:
         """The part of the framebuffer that the mask can cover."""
@@ -164,6 +176,7 @@ def _play(
     crew: Crew, rehearsal: Rehearsal, stage: RealTimeStage, quiet: bool
 ) -> dict[str, dict[str, Any]]:
     world, clock = rehearsal.world, rehearsal.lockstep.cart.clock
+    rehearsal.lockstep.warm_up()
     freeze_garbage()
     be_realtime(PRIORITY)
     world.origin_s = clock.now() + START_DELAY_S

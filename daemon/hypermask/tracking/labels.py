@@ -23,6 +23,7 @@ from hypermask.tracking.pose import project_with_jacobian
 
 Index = NDArray[np.int64]
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]  # of a cross product
+_CYCLES = np.array([[(i - shift) % 4 for i in range(4)] for shift in range(4)])
 _DIAGONAL = np.arange(6)
 _MIRROR: Array = np.array([[1.0, 1, -1], [1, 1, -1], [-1, -1, 1]])  # the other solution in depth
 
@@ -147,7 +148,7 @@ def _quadrilaterals(points: Array, leds: Array, camera: Pinhole, settings: Label
     if len(quads) > settings.max_quadrilaterals:
         miss = (gap2[i, k] / (tolerance[i] * tolerance[k]))[apart][area]
         quads = quads[np.argsort(miss, kind="stable")[: settings.max_quadrilaterals]]
-    return np.concatenate([np.roll(quads, shift, axis=1) for shift in range(4)])
+    return quads[:, _CYCLES].reshape(-1, 4)
 
 
 def _complex(points: Array) -> NDArray[np.complex128]:
@@ -202,7 +203,7 @@ def weak_perspective(corners: Array, leds: Array, camera: Pinhole) -> tuple[Arra
     rays = (corners - camera.matrix[:2, 2]) / focal
     flat = leds[:4, :2] - leds[:4, :2].mean(axis=0)
     fit = np.linalg.solve(flat.T @ flat, flat.T)  # (2, 4): a parallelogram's derivative by x, y
-    middle = rays.mean(axis=1)
+    middle = rays.sum(axis=1) * 0.25  # numpy's mean takes three times as long
     to_axis, stretch = _turn_to_axis(middle)
     derivative = (fit @ rays).swapaxes(-1, -2)
     derivative = to_axis[:, :2, :2] @ derivative / stretch[:, None, None]

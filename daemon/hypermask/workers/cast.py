@@ -73,6 +73,10 @@ class Cast:
             renderer.load(name, player.actor)
             self._players[name] = player
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._players)
+
     def item(
         self, name: str, opacity: float, expression: Array, mouth: Array, time_s: float
     ) -> DrawItem:
