@@ -103,9 +103,13 @@ def test_the_band_is_that_of_the_facts_for_a_flat_mask() -> None:
     assert nose.error_m(2.0) == pytest.approx(0.003)
 
 
-def test_a_mask_that_misses_the_tolerance_everywhere_has_an_empty_band() -> None:
-    near, far = Parallax(2.0, (0.1, 0.0), (0.003, 0.0), 0.006, 0.003).band_m(0.002)
-    assert near == far
+def test_relief_and_aiming_move_the_band_but_do_not_narrow_it() -> None:
+    proud = Parallax(2.0, (0.1, 0.0), (0.003, 0.0), 0.006, 0.003)
+    near, far = proud.band_m(0.002)
+    assert far - near == pytest.approx(2 * 0.002 * 2.0 / 0.1)
+    assert (near + far) / 2 == pytest.approx(2.0 * (1 + 0.003 / 0.1))
+    for end in (near, far):
+        assert proud.error_m(end) == pytest.approx(np.hypot(proud.least_error_m, 0.002))
 
 
 def test_without_a_baseline_the_map_holds_at_every_distance() -> None:
@@ -126,14 +130,15 @@ def test_the_measured_error_agrees_with_the_reported_one(
     assert measured == pytest.approx(planar.expected_error_m(z) * 1e3, rel=0.12, abs=0.15)
 
 
-def test_at_the_ends_of_the_band_the_measured_error_is_the_tolerance() -> None:
+def test_at_the_ends_of_the_band_the_distance_has_added_the_tolerance() -> None:
     truth = reference_truth(0.03)
     planar = laid_at(facing(0.0, -0.1, 1.8), truth, "affine")
     near, far = planar.band_m
     assert 1.5 < near < 1.8 < far < 2.1
     for end in (near, far):
         measured = error_on_mask_mm(planar, facing(0.0, -0.1 * end / 1.8, end), truth)
-        assert measured == pytest.approx(2.0, abs=0.15)
+        least = planar.parallax.least_error_m * 1e3
+        assert np.sqrt(measured**2 - least**2) == pytest.approx(2.0, abs=0.2)
 
 
 @pytest.mark.parametrize("kind", ["affine", "projective"])

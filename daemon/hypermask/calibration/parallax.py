@@ -13,10 +13,12 @@ ray meant for the plane below, which runs in the direction d = R^T (C - P) + (x,
 With b in mask axes, the mean m and the mean square q of l over the mask, and the aiming's own rms
 error a, the mean squared error on the mask is
 
-    e^2 = |b|^2 u^2 - 2 (b.m) u + q + a^2,
+    e^2 = |b|^2 u^2 - 2 (b.m) u + q + a^2.
 
-and the band is where e stays within the tolerance: the roots of that quadratic in u. For a mask
-proud by h all over, on the camera's axis, l = b h/Z0: e = b |Z - Z0 - h|/Z0.
+It is least at u = (b.m)/|b|^2, where relief and aiming are all that is left. The band is where the
+distance adds no more than the tolerance t to that, e^2 <= e_least^2 + t^2: t Z0/|b| to either side,
+27 mm for 2 mm at 2 m with 150 mm. For a mask proud by h all over, on the camera's axis,
+l = b h/Z0: e = b |Z - Z0 - h|/Z0.
 """
 
 from __future__ import annotations
@@ -63,14 +65,19 @@ class Parallax:
         u = distance_m / self.distance_m - 1
         return float(np.sqrt(max(square * u**2 + linear * u + constant, 0.0)))
 
-    def band_m(self, tolerance_m: float) -> tuple[float, float]:
-        """(near, far) within which `error_m` <= tolerance; empty (near = far) where nowhere."""
+    @property
+    def least_error_m(self) -> float:
+        """rms error at the best distance: what relief and aiming leave."""
         square, linear, constant = self._quadratic()
-        rest = constant - tolerance_m**2
+        best = constant - linear**2 / (4 * square) if square >= 1e-12 else constant
+        return float(np.sqrt(max(best, 0.0)))
+
+    def band_m(self, tolerance_m: float) -> tuple[float, float]:
+        """(near, far) within which the distance adds at most the tolerance to the least error."""
+        square, linear, _ = self._quadratic()
         if square < 1e-12:
-            return (0.0, float("inf")) if rest <= 0 else (self.distance_m, self.distance_m)
-        best = -linear / (2 * square)
-        half = float(np.sqrt(max(best**2 - rest / square, 0.0)))
+            return 0.0, float("inf")
+        best, half = -linear / (2 * square), tolerance_m / square**0.5
         return self.distance_m * (1 + best - half), self.distance_m * (1 + best + half)
 
     def _quadratic(self) -> tuple[float, float, float]:

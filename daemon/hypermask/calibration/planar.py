@@ -80,8 +80,8 @@ def _unsolvable() -> DataError:
 
 @dataclass(frozen=True)
 class Planar:
-    """homography: (3, 3) camera image -> projector image, made at `distance_m`; it holds within
-    `band_m` = (near, far), empty (near = far) where even `distance_m` misses the tolerance.
+    """homography: (3, 3) camera image -> projector image, made at `distance_m`; within
+    `band_m` = (near, far) the distance adds at most the tolerance (2 mm) to its error.
 
     parallax: what the band follows from; condition: of the linear system that was solved.
     """

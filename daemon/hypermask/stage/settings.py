@@ -30,6 +30,6 @@ class StageSettings(Settings):
     eye_hole_soft_m: float = Field(0.0015, gt=0, le=0.01)
     mask_lost_after_s: float = Field(0.15, ge=0)
     fade_out_s: float = Field(0.2, gt=0, le=0.25)
-    fade_in_s: float = Field(0.05, gt=0, le=0.06)
+    fade_in_s: float = Field(0.03, gt=0, le=0.06)
     mouth_stale_after_s: float = Field(0.2, ge=0)
     mouth_closing_s: float = Field(0.1, gt=0)
