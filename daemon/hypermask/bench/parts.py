@@ -81,7 +81,8 @@ def _times(name: str, title: str, result: dict[str, Any], note: str) -> Table:
 
 
 def _ms(value: dict[str, Any], quantile: str) -> float:
-    return float(value.get(f"{quantile}_ms", value.get(quantile)))
+    found = value[f"{quantile}_ms"] if f"{quantile}_ms" in value else value[quantile]
+    return float(found)
 
 
 def prediction(progress: bool) -> Table:

@@ -148,7 +148,8 @@ def _quadrilaterals(points: Array, leds: Array, camera: Pinhole, settings: Label
     if len(quads) > settings.max_quadrilaterals:
         miss = (gap2[i, k] / (tolerance[i] * tolerance[k]))[apart][area]
         quads = quads[np.argsort(miss, kind="stable")[: settings.max_quadrilaterals]]
-    return quads[:, _CYCLES].reshape(-1, 4)
+    cyclic: Index = quads[:, _CYCLES].reshape(-1, 4)
+    return cyclic
 
 
 def _complex(points: Array) -> NDArray[np.complex128]:
