@@ -173,6 +173,10 @@ class LatencySettings(Settings):
     voice_ms: Milliseconds = 4.0
 
 
+class VoiceSettings(Settings):
+    mode: Literal["default", "paper"] = "default"
+
+
 class TrackingSettings(Settings):
     prediction: Literal["default", "kalman", "off"] = "default"
 
@@ -190,11 +194,12 @@ class CalibrationSettings(Settings):
 
 
 class StageSettings(Settings):
-    brightness_limit: float = Field(1.0, ge=0, le=1)
+    brightness_limit: float = Field(1.0, gt=0, le=1)
 
 
 class Scenario(Settings):
-    """The whole file. character, show, mapping, tracking, calibration and stage are for the show.
+    """The whole file. character, show, mapping, tracking, voice, calibration and stage are for the
+    show.
 
     duration_s: without it, the length of the motion clip, or 10 s for a built-in path.
     mask: a folder with mask.toml, or the name of one in configs/masks.
@@ -217,6 +222,7 @@ class Scenario(Settings):
     power: PowerSettings = PowerSettings()
     latency: LatencySettings = LatencySettings()
     tracking: TrackingSettings = TrackingSettings()
+    voice: VoiceSettings = VoiceSettings()
     calibration: CalibrationSettings = CalibrationSettings()
     stage: StageSettings = StageSettings()
     faults: tuple[FaultSettings, ...] = ()

@@ -16,6 +16,7 @@ from hypermask.errors import DataError
 from hypermask.rehearsal.calibrate import calibrate
 from hypermask.rehearsal.journal import Journal
 from hypermask.rehearsal.run import Rehearsal
+from hypermask.tracking.motion_model import MotionParameters
 from hypermask_sim.scenario import Scenario, load_scenario
 from hypermask_sim.world import World
 
@@ -33,9 +34,13 @@ def calibration(of: Scenario) -> Calibration:
     return calibrate(World(of), Journal())
 
 
-def played(of: Scenario, with_calibration: Calibration | None = None) -> Rehearsal:
+def played(
+    of: Scenario,
+    with_calibration: Calibration | None = None,
+    models: MotionParameters | None = None,
+) -> Rehearsal:
     """Play a scenario in lock-step; `measured` and `leads_s` hold what was judged."""
-    rehearsal = Rehearsal(of, with_calibration)
+    rehearsal = Rehearsal(of, with_calibration, models=models)
     try:
         rehearsal.run(None, False, Progress(disable=True))
     finally:

@@ -126,7 +126,7 @@ def load_current() -> tuple[Stored, str | None]:
     files = sorted(_files(), key=_number, reverse=True)
     if not files:
         raise DataError(
-            "CAL-NONE", "the cart is not calibrated", "Calibrate it: hypermask calibrate."
+            "CAL-NONE", "the cart is not calibrated", "Calibrate it (hypermask calibrate)."
         )
     if wanted is not None and wanted not in files:
         problem = _unreadable(wanted, "the file is gone")
@@ -224,7 +224,7 @@ def _unreadable(path: Path, why: str) -> DataError:
     return DataError(
         "CAL-READ",
         f"the calibration {path} cannot be used: {why}",
-        "Go back to an earlier one (hypermask calibrate --rollback) or calibrate anew.",
+        "Go back to an earlier one (hypermask calibrate rollback) or calibrate anew.",
     )
 
 

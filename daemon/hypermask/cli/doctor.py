@@ -67,7 +67,7 @@ def _calibration() -> str:
         return "none yet: a rehearsal makes its own, a cart is calibrated with the keypad"
     _, warning = storage.load_current()
     if warning is not None:
-        raise HypermaskError("CAL-READ", warning, "Calibrate again.")
+        raise HypermaskError("DOC-CALIBRATION", warning.rstrip("."), "Calibrate again.")
     return f"{len(storage.history())} stored, the newest is good"
 
 

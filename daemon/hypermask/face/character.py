@@ -51,13 +51,17 @@ class Character:
     landmarks: NDArray[np.float64] | None = None
 
 
+_RESERVED = ("dots",)
+
+
 def check_name(name: str) -> str:
     """Raises `UsageError` CHAR-NAME."""
-    if not _NAME.fullmatch(name):
+    if not _NAME.fullmatch(name) or name in _RESERVED:
         raise UsageError(
             "CHAR-NAME",
             f"'{name}' cannot be a character's name",
-            "Use letters, digits, '-' and '_', at most 64, the first a letter or digit.",
+            "Use letters, digits, '-' and '_', at most 64, the first a letter or digit; 'dots' is "
+            "the test picture.",
         )
     return name
 

@@ -15,7 +15,7 @@ from hypermask.calibration.positions import Position
 from hypermask.calibration.rehearsed import rehearse
 from hypermask.calibration.session import LEAST_FRAMES, Session, planned_positions
 from hypermask.calibration.still import Sighting
-from hypermask.errors import ConfigError
+from hypermask.errors import ConfigError, DataError
 from hypermask.rehearsal.cart import SimulatedCart, calibration_cart, camera_model, true_procam
 from hypermask.rehearsal.journal import Journal
 from hypermask.tracking.motion import MotionFilter
@@ -26,6 +26,7 @@ from hypermask_sim.scenario import Attitude, Scenario
 from hypermask_sim.world import World
 
 STILL_FRAMES = 60
+SAME_CART_M = 0.025
 _PLANAR: dict[str, Method] = {"planar": "affine", "planar_projective": "projective"}
 
 
@@ -80,8 +81,29 @@ def _stored(scenario: Scenario, journal: Journal) -> ProCam | Planar:
             f"'{scenario.mapping}'",
             "Choose the mapping that it was made for, or calibrate again.",
         )
+    _check_cart(stored, scenario)
     journal(0.0, "CAL-STORED", f"{stored.name}: {stored.expected_mm:.2f} mm expected")
     return stored.calibration
+
+
+def _check_cart(stored: storage.Stored, scenario: Scenario) -> None:
+    """Raises `DataError` CAL-CART where the calibration was made on another cart."""
+    calibration, projector = stored.calibration, scenario.projector
+    baseline_m = float(np.linalg.norm(projector.position_m[:2]))
+    if isinstance(calibration, Planar):
+        kind = _PLANAR.get(scenario.mapping)
+        made_m = float(np.linalg.norm(calibration.parallax.baseline_m))
+        same = kind is None or kind == calibration.kind
+    else:
+        made_m = calibration.baseline_m
+        same = calibration.projector.size == (projector.width, projector.height)
+    if not same or abs(made_m - baseline_m) > SAME_CART_M:
+        raise DataError(
+            "CAL-CART",
+            f"the calibration {stored.name} was made on another cart: {stored.method}, camera and "
+            f"projector {made_m * 1e3:.0f} mm apart, here {baseline_m * 1e3:.0f} mm",
+            "Calibrate this cart.",
+        )
 
 
 def calibrate_by_clicks(world: World, method: Method) -> tuple[Outcome, int]:

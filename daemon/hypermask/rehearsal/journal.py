@@ -21,9 +21,14 @@ class Journal:
     def __call__(self, time_s: float, code: str, text: str) -> None:
         self.events.append(Event(time_s, code, text))
 
-    def as_data(self) -> list[dict[str, float | str]]:
+    def as_data(self, origin_s: float = 0.0) -> list[dict[str, float | str]]:
+        """Ordered by time, which counts from `origin_s`; what came before it is at 0."""
         ordered = sorted(self.events, key=lambda event: event.time_s)
         return [
-            {"time_s": round(event.time_s, 6), "code": event.code, "text": event.text}
+            {
+                "time_s": round(max(event.time_s - origin_s, 0.0), 6),
+                "code": event.code,
+                "text": event.text,
+            }
             for event in ordered
         ]

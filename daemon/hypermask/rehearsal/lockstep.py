@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import moderngl
@@ -19,7 +19,9 @@ from hypermask.show.engine import ShowEngine
 from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import MotionFilter
+from hypermask.tracking.motion_model import MotionParameters
 from hypermask.tracking.tracker import Tracker, TrackerSettings, TrackResult
+from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.alignment import AlignmentSettings, PhaseAligner
 from hypermask.workers.board import Board
 from hypermask.workers.cast import DOTS, Cast
@@ -58,14 +60,17 @@ class LockStep:
         calibration: ProCam | Planar,
         casting: Casting,
         board: Board | None = None,
+        models: MotionParameters | None = None,
     ) -> None:
+        """models: of the performer's motion, instead of those that came with the program."""
         self.cart = cart
+        self._models = models
         self.board = board or Board.local()
         world, clock, journal, scenario = cart.world, cart.clock, cart.journal, cart.scenario
         self._latency = scenario.latency
         self.observer = TrackingObserver(world)
         self.last_seen: tuple[Frame, TrackResult] | None = None
-        motion = MotionFilter()
+        motion = MotionFilter(models=models)
         self.tracker = TrackerWorker(
             cart.camera,
             Tracker(world.mask.leds, camera_model(world), TrackerSettings(), motion),
@@ -77,7 +82,9 @@ class LockStep:
             charge_s=self._latency.tracking_ms * 1e-3,
             observer=self._observe,
         )
-        self.voice = VoiceWorker(cart.sound, self.board, clock, journal)
+        self.voice = VoiceWorker(
+            cart.sound, self.board, clock, journal, VoiceSettings(mode=scenario.voice.mode)
+        )
         engine = ShowEngine(casting.show, clock.now())
         self.show = ShowWorker(cart.keypad, engine, self.board, clock, journal)
         self._projector = Kept(cart.projector, "projector", clock, journal)
@@ -94,7 +101,7 @@ class LockStep:
         self.test_only = tuple(casting.sources.values()) == (DOTS,)
         sources = casting.sources if self.test_only else {**casting.sources, DOTS: DOTS}
         cast = Cast(sources, world.mask, renderer)
-        reader = TrackReader(self.board, world.scenario.tracking.prediction)
+        reader = TrackReader(self.board, world.scenario.tracking.prediction, self._models)
         mapping = mapping_for(calibration, world.mask, reader)
         period_s = 1 / self._mode.rate_hz
         self.stage = StageWorker(renderer, cast, mapping, reader, self.board, period_s, settings)
@@ -187,10 +194,7 @@ class LockStep:
         if picture.items:
             nothing = np.zeros(6), np.zeros(13)
             items = (self._cast.item(DOTS, 1.0, *nothing, picture.light_s),)
-        probe = Picture(
-            picture.light_s, picture.matrix, items, picture.brightness, picture.measured_s
-        )
-        self.stage.draw(self._probe_buffer, probe)
+        self.stage.draw(self._probe_buffer, replace(picture, items=items))
         return self._probe_buffer
 
 

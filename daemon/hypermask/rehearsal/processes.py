@@ -19,6 +19,7 @@ from hypermask.rehearsal.show_parts import casting_of
 from hypermask.show.engine import ShowEngine
 from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.tracker import Tracker, TrackerSettings
+from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.board import Board
 from hypermask.workers.realtime import be_realtime, freeze_garbage
 from hypermask.workers.show import ShowWorker
@@ -141,7 +142,13 @@ def _tracker(cart: SimulatedCart, board: Board) -> Parts:
 
 
 def _voice(cart: SimulatedCart, board: Board) -> Parts:
-    worker = VoiceWorker(cart.sound, board, cart.clock, cart.journal)
+    worker = VoiceWorker(
+        cart.sound,
+        board,
+        cart.clock,
+        cart.journal,
+        VoiceSettings(mode=cart.scenario.voice.mode),
+    )
     _ = cart.world.voice  # read the recording before the show, not in it
     return (
         _nothing,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class Kept:
+class ReadBack:
     """A flip whose pictures were read back, each where there was time for it."""
 
     index: int
@@ -65,8 +65,10 @@ class RealTimeStage:
         self._cart = self._lockstep.cart
         self._clock = self._cart.clock
         self._film_every = max(1, round(FILM_EVERY * self._cart.scenario.projector.rate_hz / 60))
-        self.kept: list[Kept] = []
+        self.kept: list[ReadBack] = []
         self.leads_s: list[float] = []
+        self.mouth_lags_s: list[float] = []
+        self.granted: list[str] = []
         self._cost_s = {"film": 0.002, "judge": 0.006}
         self.pacer = Pacer(1 / self._cart.scenario.projector.rate_hz)
 
@@ -96,6 +98,8 @@ class RealTimeStage:
         allows it: flips come first."""
         if picture.lead_s is not None and picture.items:
             self.leads_s.append(picture.lead_s)
+        if picture.mouth_lag_s is not None and picture.items:
+            self.mouth_lags_s.append(picture.mouth_lag_s)
         kind = {0: "film", self._film_every // 2: "judge"}.get(index % self._film_every)
         spare_s = next_flip_s - self.pacer.budget_s - self._clock.now()
         if kind is None or spare_s < self._cost_s[kind]:
@@ -110,7 +114,7 @@ class RealTimeStage:
             shown = self._read(self._cart.projector.framebuffer, picture)
         else:
             probe = self._read(self._lockstep.draw_probe(picture), picture)
-        self.kept.append(Kept(index, flip_s, picture, shown, probe))
+        self.kept.append(ReadBack(index, flip_s, picture, shown, probe))
         spent_s = self._clock.now() - began_s
         self._cost_s[kind] += (0.5 if spent_s > self._cost_s[kind] else 0.05) * (
             spent_s - self._cost_s[kind]
@@ -160,15 +164,22 @@ def play_realtime(scenario: Scenario, out: Path, pictures: bool, quiet: bool) ->
         finally:
             crew.kill()
     taker = rehearsal.pictures(out) if pictures else None
-    with progress_bar(quiet) as progress:
-        task = progress.add_task("judging", total=len(stage.kept))
-        for kept in stage.kept:
-            _judge(rehearsal, kept, taker)
-            progress.advance(task)
-    report = _report(rehearsal, stage, told)
-    figures.write_json(out / "report.json", report)
-    if taker is not None:
-        rehearsal.finish(taker, out, report)
+    try:
+        with progress_bar(quiet) as progress:
+            task = progress.add_task("judging", total=len(stage.kept))
+            for kept in stage.kept:
+                _judge(rehearsal, kept, taker)
+                progress.advance(task)
+        report = _report(rehearsal, stage, told)
+        figures.write_json(out / "report.json", report)
+        if taker is not None:
+            rehearsal.finish(taker, out, report)
+    except BaseException:
+        if taker is not None:
+            taker.abandon()
+        raise
+    finally:
+        rehearsal.close()
     return report
 
 
@@ -178,7 +189,7 @@ def _play(
     world, clock = rehearsal.world, rehearsal.lockstep.cart.clock
     rehearsal.lockstep.warm_up()
     freeze_garbage()
-    be_realtime(PRIORITY)
+    stage.granted = be_realtime(PRIORITY)
     world.origin_s = clock.now() + START_DELAY_S
     crew.begin(world.origin_s)
     clock.sleep_until(world.origin_s)
@@ -191,7 +202,7 @@ def _play(
     return crew.finish()
 
 
-def _judge(rehearsal: Rehearsal, kept: Kept, taker: Any) -> None:
+def _judge(rehearsal: Rehearsal, kept: ReadBack, taker: Any) -> None:
     size = rehearsal.world.projector.size
     if kept.probe is not None:
         rehearsal.measured.append(
@@ -212,13 +223,7 @@ def whole(cut: Cut, size: tuple[int, int]) -> Image:
 
 def _moved(picture: Picture, late_s: float) -> Picture:
     """The picture with the time at which its light really left."""
-    return Picture(
-        picture.light_s + late_s,
-        picture.matrix,
-        picture.items,
-        picture.brightness,
-        picture.measured_s,
-    )
+    return replace(picture, light_s=picture.light_s + late_s)
 
 
 def _report(
@@ -227,8 +232,9 @@ def _report(
     tracker, voice = told["tracker"], told["voice"]
     for worker in told.values():
         for event in worker["events"]:
-            rehearsal.journal(event.time_s - rehearsal.world.origin_s, event.code, event.text)
+            rehearsal.journal(event.time_s, event.code, event.text)
     rehearsal.leads_s = stage.leads_s
+    rehearsal.mouth_lags_s = stage.mouth_lags_s
     report = rehearsal.report(tracker["tracking"], voice["history"])
     count = stage.pacer.count
     report |= {
@@ -243,7 +249,8 @@ def _report(
             "voice": figures.spread(voice["compute_s"], 1e3),
         },
         "exposure_to_blackboard_ms": figures.spread(tracker["latency_s"], 1e3),
-        "granted": {kind: worker["granted"] for kind, worker in told.items()},
+        "granted": {kind: worker["granted"] for kind, worker in told.items()}
+        | {"stage": stage.granted},
     }
     return report
 

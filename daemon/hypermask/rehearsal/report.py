@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,11 @@ from hypermask_sim.scenario import Scenario
 VERSION = 1
 _BLINDING = ("camera_lost", "leds_hidden")
 _BRIGHT_AGAIN = 0.9
+
+
+def shifted(frames: Sequence[FrameMeasurement], origin_s: float) -> list[FrameMeasurement]:
+    """Measurements whose times count from the scenario's 0 instead of the clock's."""
+    return [replace(frame, time_s=frame.time_s - origin_s) for frame in frames]
 
 
 def registration(frames: Sequence[FrameMeasurement]) -> dict[str, Any]:
@@ -88,10 +94,10 @@ def spread(values: Sequence[float], scale: float = 1.0) -> dict[str, float | Non
     return {name: _number(float(value)) for name, value in figures.items()}
 
 
-def mouth(frames: Sequence[MouthFrame]) -> dict[str, Any]:
-    """Times and the 13 parameters of every analysed frame."""
+def mouth(frames: Sequence[MouthFrame], origin_s: float) -> dict[str, Any]:
+    """Times (since `origin_s`) and the 13 parameters of every analysed frame."""
     return {
-        "times_s": [round(float(frame.time_s), 5) for frame in frames],
+        "times_s": [round(float(frame.time_s) - origin_s, 5) for frame in frames],
         "parameters": [[round(float(p), 4) for p in frame.parameters] for frame in frames],
         "level_db": [round(float(frame.level_db), 2) for frame in frames],
     }

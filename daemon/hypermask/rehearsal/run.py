@@ -20,6 +20,7 @@ from hypermask.rehearsal.cart import SimulatedCart
 from hypermask.rehearsal.journal import Journal
 from hypermask.rehearsal.lockstep import LockStep
 from hypermask.rehearsal.show_parts import casting_of
+from hypermask.tracking.motion_model import MotionParameters
 from hypermask.voice.follower import MouthFrame
 from hypermask.workers.board import Board
 from hypermask_drivers.clock import Clock, VirtualClock
@@ -78,6 +79,7 @@ class Rehearsal:
         calibration: ProCam | Planar | None = None,
         clock: Clock | None = None,
         board: Board | None = None,
+        models: MotionParameters | None = None,
     ) -> None:
         self.casting = casting_of(scenario)
         self.world = World(scenario)
@@ -87,10 +89,11 @@ class Rehearsal:
             self.journal(0.0, "NOTE", note)
         self.calibration = calibration or calibrate(self.world, self.journal)
         cart = SimulatedCart(self.world, clock or VirtualClock(), self.journal)
-        self.lockstep = LockStep(cart, self.calibration, self.casting, board)
+        self.lockstep = LockStep(cart, self.calibration, self.casting, board, models)
         self.judge = Judge(self.world, load_dots(paths.configs() / "characters" / "dots"))
         self.measured: list[FrameMeasurement] = []
         self.leads_s: list[float] = []
+        self.mouth_lags_s: list[float] = []
 
     def close(self) -> None:
         """Free the graphics of the rehearsal."""
@@ -99,6 +102,14 @@ class Rehearsal:
     def run(self, out: Path | None, pictures: bool, progress: Progress) -> dict[str, Any]:
         """Play to the end, write the report (and pictures) into `out`, and return the report."""
         taker = self.pictures(out) if out is not None and pictures else None
+        try:
+            return self._run(out, taker, progress)
+        except BaseException:
+            if taker is not None:
+                taker.abandon()
+            raise
+
+    def _run(self, out: Path | None, taker: Any, progress: Progress) -> dict[str, Any]:
         duration_s = self.world.duration_s
         task = progress.add_task(self.scenario.name, total=duration_s)
         for flip in self.lockstep.play(duration_s):
@@ -108,6 +119,8 @@ class Rehearsal:
             self.measured.append(self.judge.examine(flip.probe, flip.picture.light_s))
             if flip.picture.lead_s is not None and flip.picture.items:
                 self.leads_s.append(flip.picture.lead_s)
+            if flip.picture.mouth_lag_s is not None and flip.picture.items:
+                self.mouth_lags_s.append(flip.picture.mouth_lag_s)
             if taker is not None:
                 taker.take(flip, self.lockstep.last_seen, self._caption())
         report = self.report(self.lockstep.observer.summary(), self.lockstep.voice.history)
@@ -145,6 +158,8 @@ class Rehearsal:
     def report(self, tracking: dict[str, Any], mouth: Sequence[MouthFrame]) -> dict[str, Any]:
         """The report of a lock-step run; a real-time run replaces what differs."""
         scenario, lockstep = self.scenario, self.lockstep
+        origin_s = self.world.origin_s
+        measured = figures.shifted(self.measured, origin_s)
         latency = scenario.latency
         return {
             "version": figures.VERSION,
@@ -155,9 +170,10 @@ class Rehearsal:
             "prediction": scenario.tracking.prediction,
             "duration_s": round(self.world.duration_s, 6),
             "frames": len(self.measured),
-            "registration_mm": figures.registration(self.measured),
+            "registration_mm": figures.registration(measured),
             "tracking": tracking,
             "lead_ms": figures.spread(self.leads_s, 1e3),
+            "mouth_lag_ms": figures.spread(self.mouth_lags_s, 1e3),
             "compute_ms": {
                 "clock": "virtual: what the scenario's [latency] charges; measured wall times of "
                 "this run are in timings.json",
@@ -167,10 +183,10 @@ class Rehearsal:
             },
             "missed_flips": lockstep.missed_flips,
             "calibration": self._calibration(),
-            "outages": figures.outages(scenario, self.measured),
-            "mouth": figures.mouth(mouth),
-            "events": self.journal.as_data(),
-            "series": figures.series(self.measured),
+            "outages": figures.outages(scenario, measured),
+            "mouth": figures.mouth(mouth, origin_s),
+            "events": self.journal.as_data(origin_s),
+            "series": figures.series(measured),
         }
 
     def _calibration(self) -> dict[str, Any]:

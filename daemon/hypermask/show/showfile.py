@@ -11,7 +11,17 @@ from pydantic import Field, field_validator
 from hypermask.config import Settings, load
 from hypermask.errors import ConfigError
 
-KEY_NAMES = (*"0123456789", "dot", "enter", "plus", "minus", "star", "slash", "backspace")
+KEY_NAMES = (
+    *"0123456789",
+    "dot",
+    "enter",
+    "plus",
+    "minus",
+    "star",
+    "slash",
+    "backspace",
+    "numlock",
+)
 
 Weight = float
 

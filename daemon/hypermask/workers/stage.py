@@ -24,21 +24,32 @@ from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.scene import MaskFade, live_mouth
 from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import predict as predict_motion
+from hypermask.tracking.motion_model import MotionParameters
 from hypermask.tracking.paper import predict_points
 from hypermask.workers.board import KEPT, PACE, Board
 from hypermask.workers.cast import Cast
+
+FURTHEST_S = 0.15
+"""How far ahead of the last measurement image points are predicted."""
 
 
 @dataclass(frozen=True)
 class Picture:
     """What one frame shows. matrix: (3, 4) projector_from_mask, or None for black;
-    measured_s: mid-exposure of the newest measurement that the prediction used."""
+    measured_s: mid-exposure of the newest measurement that the prediction used; heard_s: the
+    moment of the sound that shaped the mouth."""
 
     light_s: float
     matrix: Array | None
     items: tuple[DrawItem, ...]
     brightness: float
     measured_s: float | None
+    heard_s: float | None = None
+
+    @property
+    def mouth_lag_s(self) -> float | None:
+        """From the sound that shaped the mouth to its light."""
+        return None if self.heard_s is None else self.light_s - self.heard_s
 
     @property
     def lead_s(self) -> float | None:
@@ -49,8 +60,11 @@ class Picture:
 class TrackReader:
     """Predicts from the newest track record; the mapping asks it at the latch."""
 
-    def __init__(self, board: Board, prediction: str) -> None:
+    def __init__(
+        self, board: Board, prediction: str, models: MotionParameters | None = None
+    ) -> None:
         self._board = board
+        self._models = models
         self._prediction = prediction
         self.track: Record | None = None
 
@@ -63,12 +77,14 @@ class TrackReader:
         """camera_from_mask at `time_s`, None before the first measurement."""
         if self.track is None or not self.track["motion"]["samples"]:
             return None
-        return predict_motion(self.track["motion"], time_s, self._prediction).pose
+        return predict_motion(self.track["motion"], time_s, self._prediction, self._models).pose
 
     def points(self, time_s: float) -> Array | None:
         """The five LEDs' image points (5, 2) at `time_s` by the paper's filter."""
-        if self.track is None:
+        if self.track is None or not self.track["points"]["samples"]:
             return None
+        # Points that were not seen again are not followed for ever.
+        time_s = min(time_s, float(self.track["seen_s"]) + FURTHEST_S)
         mode = "off" if self._prediction == "off" else "default"
         return predict_points(self.track["points"], time_s, mode)
 
@@ -112,23 +128,26 @@ class StageWorker:
             return Picture(light_s, None, (), 0.0, None)
         matrix = self._mapping.at(light_s)
         brightness = brightness_at(scene, light_s) * visible
-        items = self._items(scene, light_s) if matrix is not None and brightness > 0 else ()
+        sound = self._board.mouth.latest()
+        mouth = self._mouth(sound, light_s)
+        lit = matrix is not None and brightness > 0
+        items = self._items(scene, mouth, light_s) if lit else ()
         self.compute_s.append(time.perf_counter() - began)
-        return Picture(light_s, matrix, items, brightness, seen_s)
+        heard_s = None if sound is None else float(sound["time_s"])
+        return Picture(light_s, matrix, items, brightness, seen_s, heard_s)
 
-    def _items(self, scene: Record, light_s: float) -> tuple[DrawItem, ...]:
-        expression, mouth = expression_at(scene, light_s), self._mouth(light_s)
+    def _items(self, scene: Record, mouth: Array, light_s: float) -> tuple[DrawItem, ...]:
+        expression = expression_at(scene, light_s)
         return tuple(
             self._cast.item(name, opacity, expression, mouth, light_s)
             for name, opacity in characters_at(scene, light_s)
         )
 
-    def _mouth(self, light_s: float) -> Array:
-        mouth = self._board.mouth.latest()
-        if mouth is None:
+    def _mouth(self, sound: Record | None, light_s: float) -> Array:
+        if sound is None:
             return np.zeros(13)
-        age_s = light_s - float(mouth["time_s"])
-        return live_mouth(mouth["parameters"], age_s, self._settings)
+        age_s = light_s - float(sound["time_s"])
+        return live_mouth(sound["parameters"], age_s, self._settings)
 
     def draw(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> None:
         """Draw the picture; black where there is nothing to draw on."""

@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from hypermask.voice.follower import MouthFollower, MouthFrame
+from hypermask.voice.follower import MouthFollower, MouthFrame, VoiceSettings
 from hypermask.workers.board import KEPT, MOUTH, Board
 from hypermask.workers.retry import Kept, Report
 from hypermask_drivers.clock import Clock
@@ -19,7 +19,15 @@ SILENT_AFTER_S = 0.1
 class VoiceWorker:
     """Owns the microphone; writes `Board.mouth` for every analysed frame."""
 
-    def __init__(self, sound: SoundIn, board: Board, clock: Clock, report: Report) -> None:
+    def __init__(
+        self,
+        sound: SoundIn,
+        board: Board,
+        clock: Clock,
+        report: Report,
+        settings: VoiceSettings | None = None,
+    ) -> None:
+        self._settings = settings or VoiceSettings()
         self._sound = Kept(sound, "sound", clock, report)
         self._board = board
         self._clock = clock
@@ -37,7 +45,10 @@ class VoiceWorker:
         self._heard_s = self._clock.now()
         began = time.perf_counter()
         if self._follower is None or self._rate_hz != block.rate_hz:
-            self._follower, self._rate_hz = MouthFollower(block.rate_hz), block.rate_hz
+            self._follower, self._rate_hz = (
+                MouthFollower(block.rate_hz, self._settings),
+                block.rate_hz,
+            )
         for frame in self._follower.feed(block.samples, block.time_s):
             self._publish(frame)
         self.compute_s.append(time.perf_counter() - began)
