@@ -8,7 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+
+from hypermask import paths
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 SHORT = ("--no-pictures", "--set", "duration_s=0.3", "--set", "calibration.method=exact")
@@ -81,6 +85,68 @@ def test_an_unreadable_calibration_is_one_line(tmp_path: Path) -> None:
     assert_one_clear_line(done, "CAL-READ", 1)
     done = hypermask("rehearse", "--set", "calibration.method=stored", home=tmp_path)
     assert_one_clear_line(done, "CAL-READ", 1)
+
+
+FACES = sorted((SHARED / "faces").glob("*.jpg"))
+needs_faces = pytest.mark.skipif(not FACES, reason="the photographs of ../shared are absent")
+needs_models = pytest.mark.skipif(
+    not paths.models().is_dir(), reason="the face models are absent: make models"
+)
+
+
+def photo(tmp_path: Path, picture: np.ndarray) -> Path:
+    path = tmp_path / "photo.png"
+    cv2.imwrite(str(path), picture)
+    return path
+
+
+@needs_models
+@needs_faces
+def test_a_photo_of_two_faces_is_one_line(tmp_path: Path) -> None:
+    pair = [cv2.resize(cv2.imread(str(path)), (500, 500)) for path in FACES[:2]]
+    done = hypermask(
+        "face", "build", str(photo(tmp_path, np.hstack(pair))), "--name", "pair", home=tmp_path
+    )
+    assert_one_clear_line(done, "FACE-MANY", 1)
+
+
+@needs_models
+def test_a_photo_without_a_face_is_one_line(tmp_path: Path) -> None:
+    grey = np.random.default_rng(0).integers(90, 110, (400, 400, 3), dtype=np.uint8)
+    done = hypermask("face", "build", str(photo(tmp_path, grey)), "--name", "nobody", home=tmp_path)
+    assert_one_clear_line(done, "FACE-NONE", 1)
+    assert not (tmp_path / "characters").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [(None, "PHOTO-ABSENT"), (b"", "PHOTO-FORMAT"), (b"\xff\xd8\xff\xe0", None)],
+)
+def test_a_photo_that_is_none_is_one_line(
+    tmp_path: Path, content: bytes | None, code: str | None
+) -> None:
+    path = tmp_path / "photo.jpg"
+    if content is not None:
+        path.write_bytes(content)
+    done = hypermask("face", "build", str(path), "--name", "x", home=tmp_path)
+    assert_one_clear_line(done, code or "PHOTO-FORMAT", 1)
+
+
+@needs_models
+@needs_faces
+def test_a_photo_becomes_a_character_that_plays(tmp_path: Path) -> None:
+    shelf = tmp_path / "made"
+    done = hypermask(
+        "face", "build", str(FACES[0]), "--name", "anna", "--out", str(shelf), "--json"
+    )
+    folder = json.loads(done.stdout)["folder"]
+    for character in (folder, str(shelf)):
+        played = hypermask(
+            "rehearse", "--json", *SHORT, "--set", f"character={character}",
+            "--out", str(tmp_path / "out"),
+        )  # fmt: skip
+        assert played.returncode == 0, played.stderr
+        assert json.loads(played.stdout)["registration_mm"]["rms"] < 2
 
 
 def test_an_error_is_json_for_programs() -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hypermask.calibration import storage
 from hypermask.calibration.outcome import Method, Outcome
@@ -18,9 +20,11 @@ from hypermask.calibration.still import Sighting
 from hypermask.errors import ConfigError, DataError
 from hypermask.rehearsal.cart import SimulatedCart, calibration_cart, camera_model, true_procam
 from hypermask.rehearsal.journal import Journal
+from hypermask.stage.overlay import Cross, Overlay
 from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.tracker import Tracker, TrackerSettings
 from hypermask_drivers.clock import VirtualClock
+from hypermask_sim.devices.keypad import HELD_S
 from hypermask_sim.operator import Operator, true_look
 from hypermask_sim.scenario import Attitude, Scenario
 from hypermask_sim.world import World
@@ -108,7 +112,11 @@ def _check_cart(stored: storage.Stored, scenario: Scenario) -> None:
 
 def calibrate_by_clicks(world: World, method: Method) -> tuple[Outcome, int]:
     """The whole session with a simulated operator; the outcome and how many keys were pressed."""
-    bench = _Bench(world)
+    with _Bench(world) as bench:
+        return _clicked(bench, world, method)
+
+
+def _clicked(bench: _Bench, world: World, method: Method) -> tuple[Outcome, int]:
     cart = calibration_cart(world)
     settings = world.scenario.calibration
     distance = None
@@ -116,17 +124,25 @@ def calibrate_by_clicks(world: World, method: Method) -> tuple[Outcome, int]:
         several = len(settings.distances_m) > 1
         distance = float(world.rest[2]) if several else settings.distances_m[0]
     positions = planned_positions(cart, method, settings.poses_per_distance, distance)
-    result = rehearse(Session(cart, method, positions), bench.measure, bench.operator.key)
+    result = rehearse(Session(cart, method, positions), bench.measure, bench.press)
     return result.outcome, result.key_presses
 
 
 class _Bench:
-    """The mask held still at one position after another before the cart's own camera."""
+    """The mask held still at one position after another before the cart's own camera.
+
+    The cross-hair is drawn by the stage into the projector's picture, the operator sees where its
+    lit pixels fall, and what he presses comes in through the keypad.
+    """
 
     def __init__(self, world: World) -> None:
+        self._clock = VirtualClock()
+        self._cart = SimulatedCart(World(_quiet(world.scenario)), self._clock)
+        self._overlay: Overlay | None = None
         scenario = world.scenario
         self._scenario = scenario
         self._still = world
+        self._lit = (0.0, 0.0)
         projector = world.projector
         self.operator = Operator(
             true_look(
@@ -138,6 +154,39 @@ class _Bench:
             scenario.calibration.operator_error_px,
             scenario.seed,
         )
+
+    def __enter__(self) -> _Bench:
+        projector = self._cart.projector
+        projector.open()
+        self._cart.keypad.open()
+        projector.add_listener(self._look)
+        self._overlay = Overlay(projector.context, (projector.mode.width, projector.mode.height))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._cart.projector.close()
+
+    def press(self, cross_hair: tuple[int, int], led: int) -> str:
+        """Light the cross-hair, let the operator look and press, and read the keypad."""
+        assert self._overlay is not None
+        projector, keypad = self._cart.projector, self._cart.keypad
+        with projector.context:
+            projector.framebuffer.clear()
+        self._overlay.draw_cross(projector.framebuffer, Cross(cross_hair))
+        self._clock.sleep_until(projector.present())
+        keypad.press(self.operator.key(self._lit, led))
+        self._clock.sleep_until(self._clock.now() + HELD_S)
+        events = []
+        while (event := keypad.read(0.0)) is not None:
+            events.append(event.key)
+        return events[0]
+
+    def _look(self, picture: NDArray[np.uint8], flip_s: float, light_s: float) -> None:
+        """Where the light of the picture is: the centroid of its lit pixels."""
+        light = picture[..., 1].astype(np.float32)
+        moments = cv2.moments(light)
+        if moments["m00"] > 0:
+            self._lit = (moments["m10"] / moments["m00"], moments["m01"] / moments["m00"])
 
     def measure(self, position: Position) -> Iterator[Sighting]:
         """Track the mask where the operator puts it when asked for `position`."""
@@ -171,4 +220,10 @@ class _Bench:
         performer = still.performer.model_copy(
             update={"position_m": tuple(float(x) for x in where)}
         )
-        return still.model_copy(update={"performer": performer, "faults": ()})
+        return _quiet(still.model_copy(update={"performer": performer}))
+
+
+def _quiet(scenario: Scenario) -> Scenario:
+    """The scenario without faults and without the show's own key presses."""
+    performer = scenario.performer.model_copy(update={"keys": ()})
+    return scenario.model_copy(update={"performer": performer, "faults": ()})

@@ -12,6 +12,8 @@ from multiprocessing.synchronize import Event as ProcessEvent
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from hypermask.errors import HypermaskError
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
 from hypermask.rehearsal.observer import TrackingObserver
@@ -101,6 +103,7 @@ def run_worker(order: Order) -> None:
     """Entry point of a worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    cv2.setNumThreads(1)
     clock = RealClock()
     world = World(order.scenario)
     cart = SimulatedCart(world, clock)

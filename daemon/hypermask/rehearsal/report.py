@@ -61,7 +61,7 @@ def _blinds(fault: FaultSettings) -> bool:
 
 def _outage(fault: FaultSettings, frames: Sequence[FrameMeasurement]) -> dict[str, Any]:
     full = max((frame.brightness for frame in frames), default=0.0)
-    errors = [frame.rms_mm for frame in frames if frame.errors]
+    errors = [f.rms_mm for f in frames if f.errors and f.time_s < fault.from_s]
     right_mm = 2 * float(np.median(errors)) + 2 if errors else 0.0
     black = next((f.time_s for f in frames if f.time_s > fault.from_s and not f.lit), None)
     back = next(
