@@ -1,4 +1,4 @@
-"""A device that vanishes is told once, asked for again every second, and told once when it is back."""
+"""A device that vanishes is told once, asked for every second, and told once when it is back."""
 
 from __future__ import annotations
 
