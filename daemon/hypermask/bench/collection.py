@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -61,7 +62,10 @@ def find(name: str) -> list[Bench]:
 
 
 def write_page(tables: Sequence[Table], path: Path) -> None:
-    """docs/benchmarks.md and the plots beside it. Raises `HypermaskError` DISK-WRITE."""
+    """docs/benchmarks.md and the plots beside it; sections of other measurements stay.
+
+    Raises `HypermaskError` DISK-WRITE.
+    """
     head = [
         "# Benchmarks",
         "",
@@ -70,11 +74,21 @@ def write_page(tables: Sequence[Table], path: Path) -> None:
         "run.",
         "",
     ]
-    body = "\n".join(table.markdown() for table in tables)
+    sections = _sections(path) | {table.name: table.markdown() for table in tables}
+    body = "\n".join(sections[name] for name in BENCHES if name in sections)
     for table in tables:
         if table.plot is not None:
             write_atomically(path.parent / "pictures" / f"bench-{table.name}.png", table.plot)
     write_atomically(path, ("\n".join(head) + "\n" + body).encode())
+
+
+def _sections(path: Path) -> dict[str, str]:
+    """The page's present sections by the name of their measurement."""
+    if not path.is_file():
+        return {}
+    parts = path.read_text("utf-8").split("\n## ")[1:]
+    named = {re.search(r"`hypermask bench ([\w-]+)`", part): part for part in parts}
+    return {found.group(1): f"## {part.rstrip()}\n" for found, part in named.items() if found}
 
 
 def machine() -> str:
