@@ -42,6 +42,7 @@ class PerformerSettings(Settings):
 
     position_m: rest position in the camera frame; without it, the point at `distance_m` on the ray
     through the centre of the projector's picture. attitude_deg turns the mask before the motion.
+    voice_pause_s: with it the recording is heard again and again, this much silence between.
     speed: built-in paths only, 2 is twice as fast. keys: [[time in s, key name], ...].
     """
 
@@ -49,6 +50,7 @@ class PerformerSettings(Settings):
     speed: float = Field(1.0, gt=0, le=10)
     voice: Choices = ("none",)
     voice_start_s: Seconds = 0.0
+    voice_pause_s: Seconds | None = None
     distance_m: float = Field(1.8, ge=0.5, le=10)
     position_m: Position | None = None
     attitude_deg: Attitude = Attitude()

@@ -33,6 +33,15 @@ class Voice:
     rate_hz: int
     note: str = ""
 
+    def repeated(self, pause_s: float, duration_s: float) -> Voice:
+        """The recording again and again, `pause_s` of silence between, for `duration_s`."""
+        if not len(self.samples):
+            return self
+        pause = np.zeros(round(pause_s * self.rate_hz), np.float32)
+        once = np.concatenate([self.samples, pause])
+        times = math.ceil(duration_s * self.rate_hz / len(once))
+        return Voice(np.tile(once, max(times, 1)), self.rate_hz, self.note)
+
     def block(self, first: int, count: int) -> Samples:
         """(count,) samples from number `first` on, silence outside the recording."""
         block = np.zeros(count, np.float32)

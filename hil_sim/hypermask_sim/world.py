@@ -100,7 +100,11 @@ class World:
     @cached_property
     def voice(self) -> Voice:
         """The performer's voice at the microphone's rate, from `performer.voice_start_s` on."""
-        return find_voice(self.scenario.performer.voice, self.scenario.microphone.rate_hz)
+        performer = self.scenario.performer
+        voice = find_voice(performer.voice, self.scenario.microphone.rate_hz)
+        if performer.voice_pause_s is None:
+            return voice
+        return voice.repeated(performer.voice_pause_s, self.duration_s)
 
     @property
     def notes(self) -> list[str]:

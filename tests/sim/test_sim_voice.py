@@ -14,7 +14,7 @@ from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.errors import HypermaskError
 from hypermask_sim.devices.sound import SimSoundIn
 from hypermask_sim.scenario import Scenario
-from hypermask_sim.voice_source import find_voice, read_wav, resample, spoken
+from hypermask_sim.voice_source import Voice, find_voice, read_wav, resample, spoken
 from hypermask_sim.world import World
 
 SPEECH = sorted((Path(__file__).parents[2].parent / "shared" / "data" / "speech").glob("*.wav"))
@@ -169,3 +169,12 @@ def test_the_microphone_hears_the_recording_when_it_is_spoken(tmp_path: Path) ->
         heard[start : start + len(block.samples)] = block.samples
     assert heard[4000:12000] == pytest.approx(tone(16000), abs=1e-4)
     assert np.abs(heard[:4000]).max() < 1e-5 and np.abs(heard[12000:15000]).max() < 1e-5
+
+
+def test_a_recording_can_be_heard_again_and_again_with_pauses() -> None:
+    once = Voice(np.ones(100, np.float32), 1000)
+    again = once.repeated(pause_s=0.05, duration_s=1.0)
+    assert len(again.samples) >= 1000
+    assert again.samples[:310].sum() == 210
+    assert again.block(100, 50).sum() == 0 and again.block(150, 100).sum() == 100
+    assert len(Voice(np.zeros(0, np.float32), 1000).repeated(0.1, 1.0).samples) == 0
