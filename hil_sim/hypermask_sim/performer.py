@@ -110,6 +110,7 @@ def load_clip(path: Path) -> Clip:
     except (OSError, UnicodeDecodeError) as error:
         raise _bad(path, 1, f"cannot be read as text ({error})") from None
     lines = text.splitlines()
+    _check_end(path, text, lines)
     if not lines or tuple(part.strip() for part in lines[0].split(",")) != COLUMNS:
         raise _bad(path, 1, f"the header is not {','.join(COLUMNS)}")
     numbers = [number for number, line in enumerate(lines[1:], 2) if line.strip()]
@@ -118,6 +119,15 @@ def load_clip(path: Path) -> Clip:
         raise _bad(path, len(lines), "a clip needs at least two samples")
     _check_steps(path, rows, numbers)
     return _clip(rows)
+
+
+def _check_end(path: Path, text: str, lines: list[str]) -> None:
+    """A last line without its end and with fewer decimals than the one before was cut short."""
+    if text.endswith("\n") or len(lines) < 3:
+        return
+    last, before = (line.rpartition(",")[2].strip() for line in (lines[-1], lines[-2]))
+    if len(last.partition(".")[2]) < len(before.partition(".")[2]):
+        raise _bad(path, len(lines), "the file ends in the middle of a number")
 
 
 def _row(path: Path, number: int, line: str) -> list[float]:

@@ -70,8 +70,8 @@ class CameraSettings(Settings):
     whether the sensor's phase can be moved by longer or shorter blankings.
     """
 
-    width: int = Field(1280, ge=16, le=8192)
-    height: int = Field(800, ge=16, le=8192)
+    width: int = Field(1280, ge=160, le=8192)
+    height: int = Field(800, ge=120, le=8192)
     rate_hz: float = Field(120.0, ge=1, le=2000)
     focal_px: float = Field(900.0, ge=10, le=50000)
     centre_px: tuple[float, float] | None = None
@@ -94,8 +94,8 @@ class ProjectorSettings(Settings):
     readback_every: in real time only every n-th picture is read back for the judge.
     """
 
-    width: int = Field(1280, ge=16, le=8192)
-    height: int = Field(720, ge=16, le=8192)
+    width: int = Field(1280, ge=160, le=8192)
+    height: int = Field(720, ge=120, le=8192)
     rate_hz: float = Field(60.0, ge=1, le=2000)
     focal_px: float = Field(1920.0, ge=10, le=50000)
     centre_px: tuple[float, float] | None = None
@@ -190,7 +190,9 @@ class CalibrationSettings(Settings):
 
     method: Literal["click", "affine", "projective", "exact", "stored"] = "click"
     file: str | None = None
-    distances_m: tuple[Annotated[float, Field(ge=0.5, le=10)], ...] = (1.2, 1.8, 2.4)
+    distances_m: tuple[Annotated[float, Field(ge=0.5, le=10)], ...] = Field(
+        (1.2, 1.8, 2.4), min_length=1, max_length=10
+    )
     poses_per_distance: int = Field(2, ge=1, le=20)
     operator_error_px: float = Field(1.0, ge=0, le=100)
 

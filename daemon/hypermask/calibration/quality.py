@@ -21,6 +21,7 @@ from hypermask.calibration.parameters import (
 )
 from hypermask.calibration.positions import Position, best, candidates, eyes, fits, information
 from hypermask.calibration.procam import Solution
+from hypermask.errors import DataError
 from hypermask.geometry import FACING, Array, Pinhole, Pose, rotation_from_attitude
 from hypermask.mask import Mask
 
@@ -68,7 +69,7 @@ def working_volume(
 ) -> WorkingVolume:
     """Poses over the whole range of distance, picture, roll, pitch and yaw, LEDs in view.
 
-    A fixed random sample: the same cart gives the same figures.
+    A fixed random sample: the same cart gives the same figures. Raises `DataError` CAL-NOROOM.
     """
     rng = np.random.default_rng(20011)
     poses: list[Pose] = []
@@ -78,6 +79,12 @@ def working_volume(
             poses.append(pose)
         if len(poses) == count:
             break
+    if not poses:
+        raise DataError(
+            "CAL-NOROOM",
+            "no place was found where camera and projector both see the whole mask",
+            "Check the distances, and where camera and projector look.",
+        )
     return WorkingVolume(tuple(poses), _surface_points(mask))
 
 

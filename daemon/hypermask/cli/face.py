@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from hypermask.cli.output import JsonOption, console, print_json, reports_errors
+from hypermask.errors import UsageError
 
 app = typer.Typer(help="Make and look at characters.", no_args_is_help=True)
 
@@ -26,6 +27,8 @@ def build(
     from hypermask import paths
     from hypermask.texture.build import build_character
 
+    if out is None and (paths.configs() / "characters" / name).exists():
+        raise UsageError("CHAR-NAME", f"'{name}' is a built-in character", "Choose another name.")
     shelf = out or paths.home() / "characters"
     folder = shelf / build_character(photo, name, shelf).name
     if as_json:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 
 # Before numpy is imported: small linear algebra gets slower with BLAS threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -26,7 +27,13 @@ app.add_typer(face.app, name="face")
 app.add_typer(voice.app, name="voice")
 
 
+def _terminated(number: int, frame: object) -> None:
+    """SIGTERM ends like Ctrl-C: what is half done is cleaned up."""
+    raise KeyboardInterrupt
+
+
 def main() -> None:
+    signal.signal(signal.SIGTERM, _terminated)
     app()
 
 

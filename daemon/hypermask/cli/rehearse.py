@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,19 +42,27 @@ def rehearse(
         print_json(report)
     else:
         _print_summary(report, out)
+    lost = [event["text"] for event in report["events"] if event["code"] == "WRK-LOST"]
+    for text in lost:
+        print(text, file=sys.stderr)
+    if lost:
+        raise typer.Exit(1)
 
 
 def _print_summary(report: dict[str, Any], out: Path) -> None:
     registration, tracking, lead = (report[k] for k in ("registration_mm", "tracking", "lead_ms"))
-    console.print(
-        f"{report['frames']} frames   registration rms {_number(registration['rms'], 'mm')}, "
-        f"p95 {_number(registration['p95'], 'mm')}, max {_number(registration['max'], 'mm')}"
-    )
-    console.print(
-        f"tracked {tracking['visible_fraction']:.2%}   wrong labels {tracking['wrong_labels']}   "
-        f"lead {_number(lead['p50'], 'ms')}   missed flips {report['missed_flips']}"
-    )
+    rms, p95, most = (_number(registration[key], "mm") for key in ("rms", "p95", "max"))
+    visible, wrong = _percent(tracking["visible_fraction"]), tracking["wrong_labels"]
+    judged = registration["measured_frames"]
+    console.print(f"{report['frames']} frames, {judged} judged")
+    console.print(f"registration rms {rms}, p95 {p95}, max {most}")
+    console.print(f"tracked {visible}   wrong labels {wrong}")
+    console.print(f"lead {_number(lead['p50'], 'ms')}   missed flips {report['missed_flips']}")
     console.print(f"Report and pictures: {out}")
+
+
+def _percent(value: float | None) -> str:
+    return "none" if value is None else f"{value:.2%}"
 
 
 def _number(value: float | None, unit: str) -> str:

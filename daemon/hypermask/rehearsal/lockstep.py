@@ -16,6 +16,7 @@ from hypermask.rehearsal.cart import SimulatedCart, camera_model
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import Casting
 from hypermask.show.engine import ShowEngine
+from hypermask.show.scene import describe
 from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import MotionFilter
@@ -31,6 +32,8 @@ from hypermask.workers.stage import Picture, StageWorker, TrackReader, mapping_f
 from hypermask.workers.tracker import TrackerWorker
 from hypermask.workers.voice import VoiceWorker
 from hypermask_drivers.camera import Frame
+
+PROJECTOR_WAIT_S = 20.0
 
 Image = NDArray[np.uint8]
 OnFlip = Callable[["Flip"], None]
@@ -87,8 +90,8 @@ class LockStep:
         )
         engine = ShowEngine(casting.show, clock.now())
         self.show = ShowWorker(cart.keypad, engine, self.board, clock, journal)
-        self._projector = Kept(cart.projector, "projector", clock, journal)
-        self._projector.ready()
+        self.projector = Kept(cart.projector, "projector", clock, journal)
+        self._await_projector()
         self._build_stage(casting, calibration)
         self._shown: list[Image] = []
 
@@ -114,6 +117,25 @@ class LockStep:
     def _observe(self, frame: Frame, result: TrackResult) -> None:
         self.observer(frame, result)
         self.last_seen = (frame, result)
+
+    def _await_projector(self) -> None:
+        """A display that is off at the start is waited for. Raises what opening it raises."""
+        clock = self.cart.clock
+        deadline_s = clock.now() + PROJECTOR_WAIT_S
+        while not self.projector.ready():
+            if clock.now() > deadline_s:
+                self.cart.projector.open()
+            clock.sleep_until(clock.now() + 0.1)
+
+    @property
+    def light_delay_s(self) -> float:
+        """From a flip to its light."""
+        return self._mode.light_delay_s
+
+    def caption(self, time_s: float) -> str:
+        """What the show has on the stage, in words."""
+        scene = self.board.scene.latest()
+        return "" if scene is None else describe(scene, time_s)
 
     @property
     def missed_flips(self) -> int:
@@ -151,7 +173,7 @@ class LockStep:
             index += 1
 
     def _flip(self, index: int) -> Flip | None:
-        clock, projector = self.cart.clock, self._projector
+        clock, projector = self.cart.clock, self.projector
         flip_s = projector.use(lambda device: device.next_flip_s())
         if flip_s is None:
             self._until(clock.now() + 1 / self._mode.rate_hz)
@@ -194,7 +216,7 @@ class LockStep:
         if picture.items:
             nothing = np.zeros(6), np.zeros(13)
             items = (self._cast.item(DOTS, 1.0, *nothing, picture.light_s),)
-        self.stage.draw(self._probe_buffer, replace(picture, items=items))
+        self.stage.draw(self._probe_buffer, replace(picture, items=items), counted=False)
         return self._probe_buffer
 
 

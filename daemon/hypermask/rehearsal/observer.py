@@ -73,7 +73,7 @@ class TrackingObserver:
         self._lost = not tracked
 
     def summary(self) -> dict[str, Any]:
-        fraction = self.tracked / self.trackable if self.trackable else 0.0
+        fraction = self.tracked / self.trackable if self.trackable else None
         return {
             "frames": self.frames,
             "visible_fraction": fraction,

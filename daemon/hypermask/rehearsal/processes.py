@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import queue
 import signal
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.context import SpawnProcess
@@ -23,7 +25,7 @@ from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.tracker import Tracker, TrackerSettings
 from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.board import Board
-from hypermask.workers.realtime import be_realtime, freeze_garbage
+from hypermask.workers.realtime import be_realtime, die_with_parent, freeze_garbage
 from hypermask.workers.show import ShowWorker
 from hypermask.workers.tracker import TrackerWorker
 from hypermask.workers.voice import VoiceWorker
@@ -34,6 +36,7 @@ from hypermask_sim.world import World
 WAIT_S = 0.1
 IDLE_S = 0.002
 START_TIMEOUT_S = 60.0
+POLL_S = 0.2
 PRIORITIES = {"tracker": 50, "voice": 30, "show": 10}
 
 
@@ -74,8 +77,13 @@ class Crew:
             process.start()
             self._orders.append(order)
             self._processes.append(process)
-        for order in self._orders:
-            if not order.ready.wait(START_TIMEOUT_S):
+        for order, process in zip(self._orders, self._processes, strict=True):
+            self._await(order, process)
+
+    def _await(self, order: Order, process: SpawnProcess) -> None:
+        deadline_s = time.monotonic() + START_TIMEOUT_S
+        while not order.ready.wait(POLL_S):
+            if not process.is_alive() or time.monotonic() > deadline_s:
                 self.kill()
                 raise HypermaskError(
                     "WRK-START", f"the {order.kind} process did not start", "Look at its messages."
@@ -85,13 +93,32 @@ class Crew:
         self._origin.value = origin_s
 
     def finish(self) -> dict[str, dict[str, Any]]:
-        """Stop every worker; what each has to tell, by its kind."""
+        """Stop every worker; what each has to tell, by its kind. One that died tells nothing."""
         self._stop.set()
-        results = dict(self._results.get(timeout=START_TIMEOUT_S) for _ in self._processes)
+        owed = {order.kind: process for order, process in self._pairs()}
+        results: dict[str, dict[str, Any]] = {}
+        deadline_s = time.monotonic() + START_TIMEOUT_S
+        while owed and time.monotonic() < deadline_s:
+            alive = {kind for kind, process in owed.items() if process.is_alive()}
+            try:
+                kind, told = self._results.get(timeout=POLL_S)
+            except queue.Empty:
+                # Nothing came although it was dead before we looked: nothing will.
+                owed = {kind: owed[kind] for kind in owed if kind in alive}
+                continue
+            results[kind] = told
+            owed.pop(kind, None)
         for process in self._processes:
-            process.join(5)
+            process.join(0.5)
         self.kill()
         return results
+
+    def lost(self) -> list[str]:
+        """The kinds of workers that are dead now."""
+        return [order.kind for order, process in self._pairs() if not process.is_alive()]
+
+    def _pairs(self) -> list[tuple[Order, SpawnProcess]]:
+        return list(zip(self._orders, self._processes, strict=True))
 
     def kill(self) -> None:
         for process in self._processes:
@@ -102,6 +129,8 @@ class Crew:
 def run_worker(order: Order) -> None:
     """Entry point of a worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    die_with_parent()
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     cv2.setNumThreads(1)
     clock = RealClock()

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hypermask.geometry import homogeneous_apply
 from hypermask.rehearsal import report as figures
 from hypermask.rehearsal.lockstep import Flip, LockStep
-from hypermask.rehearsal.processes import Crew
+from hypermask.rehearsal.processes import PRIORITIES, Crew
 from hypermask.rehearsal.run import Rehearsal, progress_bar
 from hypermask.stage.pacing import Pacer
 from hypermask.workers.board import Board
@@ -55,6 +55,7 @@ class ReadBack:
     picture: Picture
     shown: Cut | None
     probe: Cut | None
+    caption: str
 
 
 class RealTimeStage:
@@ -66,6 +67,7 @@ class RealTimeStage:
         self._clock = self._cart.clock
         self._film_every = max(1, round(FILM_EVERY * self._cart.scenario.projector.rate_hz / 60))
         self.kept: list[ReadBack] = []
+        self.flips = 0
         self.leads_s: list[float] = []
         self.mouth_lags_s: list[float] = []
         self.granted: list[str] = []
@@ -77,16 +79,21 @@ class RealTimeStage:
         projector, lockstep, clock = self._cart.projector, self._lockstep, self._clock
         index = 0
         while clock.now() < end_s:
-            flip_s = projector.next_flip_s()
+            flip_s = lockstep.projector.use(lambda device: device.next_flip_s())
+            if flip_s is None:
+                clock.sleep_until(clock.now() + 1 / self._cart.scenario.projector.rate_hz)
+                continue
             # When reading back took too long, that is no cost of drawing: count from now.
             latch_s = max(self.pacer.latch_s(flip_s), clock.now())
             clock.sleep_until(latch_s)
             lockstep.stage.announce(flip_s, flip_s - latch_s)
-            picture = lockstep.stage.latch(clock.now(), flip_s + projector.mode.light_delay_s)
+            picture = lockstep.stage.latch(clock.now(), flip_s + lockstep.light_delay_s)
             lockstep.stage.draw(projector.framebuffer, picture)
-            projector.context.finish()
             self.pacer.drawn(latch_s, clock.now())
-            shown_s = projector.present()
+            shown_s = lockstep.projector.use(lambda device: device.present())
+            if shown_s is None:
+                continue
+            self.flips += 1
             self.pacer.flipped(flip_s, shown_s)
             late_s = shown_s - flip_s
             self._keep(index, shown_s, _moved(picture, late_s), projector.next_flip_s())
@@ -114,7 +121,9 @@ class RealTimeStage:
             shown = self._read(self._cart.projector.framebuffer, picture)
         else:
             probe = self._read(self._lockstep.draw_probe(picture), picture)
-        self.kept.append(ReadBack(index, flip_s, picture, shown, probe))
+        self.kept.append(
+            ReadBack(index, flip_s, picture, shown, probe, self._lockstep.caption(flip_s))
+        )
         spent_s = self._clock.now() - began_s
         self._cost_s[kind] += (0.5 if spent_s > self._cost_s[kind] else 0.05) * (
             spent_s - self._cost_s[kind]
@@ -156,9 +165,11 @@ def play_realtime(scenario: Scenario, out: Path, pictures: bool, quiet: bool) ->
     with tempfile.TemporaryDirectory(prefix="hypermask-", dir=_memory()) as folder:
         board = Path(folder)
         crew = Crew(scenario, board)
+        # First what can be wrong with the scenario: one message from here, none from the workers.
+        rehearsal = Rehearsal(scenario, clock=RealClock(), board=Board.shared(board))
+        _ = rehearsal.world.voice
         try:
             crew.start()
-            rehearsal = Rehearsal(scenario, clock=RealClock(), board=Board.shared(board))
             stage = RealTimeStage(rehearsal)
             told = _play(crew, rehearsal, stage, quiet)
         finally:
@@ -210,7 +221,7 @@ def _judge(rehearsal: Rehearsal, kept: ReadBack, taker: Any) -> None:
         )
     if kept.shown is not None and taker is not None:
         shown = whole(kept.shown, size)
-        taker.take(Flip(kept.index, kept.flip_s, kept.picture, shown, shown), None, "")
+        taker.take(Flip(kept.index, kept.flip_s, kept.picture, shown, shown), None, kept.caption)
 
 
 def whole(cut: Cut, size: tuple[int, int]) -> Image:
@@ -229,19 +240,27 @@ def _moved(picture: Picture, late_s: float) -> Picture:
 def _report(
     rehearsal: Rehearsal, stage: RealTimeStage, told: dict[str, dict[str, Any]]
 ) -> dict[str, Any]:
-    tracker, voice = told["tracker"], told["voice"]
+    for kind in PRIORITIES:
+        if kind not in told:
+            rehearsal.journal(
+                rehearsal.world.origin_s,
+                "WRK-LOST",
+                f"WRK-LOST: the {kind} process died during the show. Look at its messages.",
+            )
+    tracker = {"tracking": None, "compute_s": [], "latency_s": []} | told.get("tracker", {})
+    voice = {"history": [], "compute_s": []} | told.get("voice", {})
     for worker in told.values():
         for event in worker["events"]:
             rehearsal.journal(event.time_s, event.code, event.text)
     rehearsal.leads_s = stage.leads_s
     rehearsal.mouth_lags_s = stage.mouth_lags_s
     report = rehearsal.report(tracker["tracking"], voice["history"])
-    count = stage.pacer.count
+    missed = rehearsal.lockstep.missed_flips
     report |= {
         "mode": "realtime",
-        "frames": count.flips,
-        "missed_flips": count.missed,
-        "flips_on_time": round(count.on_time, 6),
+        "frames": stage.flips,
+        "missed_flips": missed,
+        "flips_on_time": round(stage.flips / max(stage.flips + missed, 1), 6),
         "compute_ms": {
             "clock": "real",
             "tracking": figures.spread(tracker["compute_s"], 1e3),

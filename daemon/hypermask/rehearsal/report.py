@@ -63,7 +63,6 @@ def _outage(fault: FaultSettings, frames: Sequence[FrameMeasurement]) -> dict[st
     full = max((frame.brightness for frame in frames), default=0.0)
     errors = [f.rms_mm for f in frames if f.errors and f.time_s < fault.from_s]
     right_mm = 2 * float(np.median(errors)) + 2 if errors else 0.0
-    black = next((f.time_s for f in frames if f.time_s > fault.from_s and not f.lit), None)
     back = next(
         (
             f.time_s
@@ -75,6 +74,8 @@ def _outage(fault: FaultSettings, frames: Sequence[FrameMeasurement]) -> dict[st
         ),
         None,
     )
+    until = float("inf") if back is None else back
+    black = next((f.time_s for f in frames if fault.from_s < f.time_s < until and not f.lit), None)
     return {
         "kind": fault.kind,
         "from_s": fault.from_s,

@@ -122,7 +122,7 @@ class Rehearsal:
             if flip.picture.mouth_lag_s is not None and flip.picture.items:
                 self.mouth_lags_s.append(flip.picture.mouth_lag_s)
             if taker is not None:
-                taker.take(flip, self.lockstep.last_seen, self._caption())
+                taker.take(flip, self.lockstep.last_seen, self.lockstep.caption(flip.flip_s))
         report = self.report(self.lockstep.observer.summary(), self.lockstep.voice.history)
         if out is not None:
             figures.write_json(out / "report.json", report)
@@ -134,7 +134,7 @@ class Rehearsal:
     def pictures(self, out: Path) -> Any:
         from hypermask.rehearsal.pictures import Pictures
 
-        out.mkdir(parents=True, exist_ok=True)
+        _make_folder(out)
         try:
             return Pictures(self.lockstep.cart, out / "show.mp4", self.world.duration_s)
         except HypermaskError as error:
@@ -151,10 +151,6 @@ class Rehearsal:
         taker.close()
         write_sheet(out / "contact-sheet.png", report, taker.moments)
 
-    def _caption(self) -> str:
-        cues = [event.text for event in self.journal.events if event.code == "CUE"]
-        return cues[-1].split(": ")[-1] if cues else "neutral"
-
     def report(self, tracking: dict[str, Any], mouth: Sequence[MouthFrame]) -> dict[str, Any]:
         """The report of a lock-step run; a real-time run replaces what differs."""
         scenario, lockstep = self.scenario, self.lockstep
@@ -168,6 +164,7 @@ class Rehearsal:
             "mapping": scenario.mapping,
             "character": scenario.character,
             "prediction": scenario.tracking.prediction,
+            "motion_models": "as shipped",
             "duration_s": round(self.world.duration_s, 6),
             "frames": len(self.measured),
             "registration_mm": figures.registration(measured),
@@ -212,6 +209,18 @@ class Rehearsal:
                 "voice": figures.spread(lockstep.voice.compute_s, 1e3),
             },
         }
+
+
+def _make_folder(folder: Path) -> None:
+    """Raises `HypermaskError` DISK-WRITE."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise HypermaskError(
+            "DISK-WRITE",
+            f"cannot make the folder {folder}: {error.strerror or error}",
+            "Choose another --out.",
+        ) from error
 
 
 def _charged(value: float) -> dict[str, float]:

@@ -42,7 +42,12 @@ def _figures(report: dict[str, Any]) -> list[KeyFigure]:
         KeyFigure("registration, rms", _unit(registration["rms"], "mm"), "face to mask"),
         KeyFigure("95 % within", _unit(registration["p95"], "mm"), "of dots on the mask"),
         KeyFigure("lead", _unit(lead["p50"], "ms"), "exposure to light"),
-        KeyFigure("tracked", f"{visible:.1%}", "of frames", visible > 0.99),
+        KeyFigure(
+            "tracked",
+            "-" if visible is None else f"{visible:.1%}",
+            "of frames",
+            None if visible is None else visible > 0.99,
+        ),
         KeyFigure("wrong labels", str(wrong), "", wrong == 0),
         KeyFigure("missed flips", str(report["missed_flips"]), "", report["missed_flips"] == 0),
     ]

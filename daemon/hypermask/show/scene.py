@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.blackboard import Record
+from hypermask.show.showfile import Expression
 
 Array = NDArray[np.float64]
 
 CHARACTERS = 4
+EMOTIONS = tuple(Expression.model_fields)
 FADE_FIELDS = [("start_s", "<f8"), ("duration_s", "<f8")]
 
 SCENE = np.dtype(
@@ -62,3 +64,14 @@ def characters_at(scene: Record, time_s: float) -> list[tuple[str, float]]:
     opacities = scene["previous_opacity"] * (1 - done) + scene["opacity"] * done
     named = zip(scene["characters"].tolist(), opacities.tolist(), strict=True)
     return [(name.decode(), opacity) for name, opacity in named if name and opacity > 0]
+
+
+def describe(scene: Record, time_s: float) -> str:
+    """The scene in words: who plays, with which expression."""
+    if brightness_at(scene, time_s) <= 0:
+        return "blackout"
+    name = max(characters_at(scene, time_s), key=lambda item: item[1], default=("", 0.0))[0]
+    weights = expression_at(scene, time_s)
+    strongest = int(np.argmax(weights))
+    mood = EMOTIONS[strongest] if weights[strongest] > 0.3 else "neutral"
+    return f"{name}, {mood}"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import os
+import signal
 
 _MCL_CURRENT_AND_FUTURE = 3
+_PR_SET_PDEATHSIG = 1
 
 
 def freeze_garbage() -> None:
@@ -16,6 +19,12 @@ def freeze_garbage() -> None:
     """
     gc.collect()
     gc.freeze()
+
+
+def die_with_parent() -> None:
+    """This process is killed when its parent dies, however that dies (prctl(2), Linux)."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
 def be_realtime(priority: int) -> list[str]:

@@ -117,6 +117,7 @@ class StageWorker:
         self._settings = settings
         self._period_s = period_s
         self.compute_s: deque[float] = deque(maxlen=KEPT)
+        self._latch_s = 0.0
 
     def latch(self, now_s: float, light_s: float) -> Picture:
         """What the frame whose light leaves at `light_s` shows, by all that is known now."""
@@ -125,6 +126,7 @@ class StageWorker:
         seen_s = float(track["seen_s"]) if track is not None else -np.inf
         visible = self._fade.update(now_s, seen_s if np.isfinite(seen_s) else None)
         if scene is None or visible <= 0:
+            self._latch_s = time.perf_counter() - began
             return Picture(light_s, None, (), 0.0, None)
         matrix = self._mapping.at(light_s)
         brightness = brightness_at(scene, light_s) * visible
@@ -132,7 +134,7 @@ class StageWorker:
         mouth = self._mouth(sound, light_s)
         lit = matrix is not None and brightness > 0
         items = self._items(scene, mouth, light_s) if lit else ()
-        self.compute_s.append(time.perf_counter() - began)
+        self._latch_s = time.perf_counter() - began
         heard_s = None if sound is None else float(sound["time_s"])
         return Picture(light_s, matrix, items, brightness, seen_s, heard_s)
 
@@ -149,15 +151,22 @@ class StageWorker:
         age_s = light_s - float(sound["time_s"])
         return live_mouth(sound["parameters"], age_s, self._settings)
 
-    def draw(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> None:
-        """Draw the picture; black where there is nothing to draw on."""
+    def draw(
+        self, framebuffer: moderngl.Framebuffer, picture: Picture, counted: bool = True
+    ) -> None:
+        """Draw the picture to the end; black where there is nothing to draw on.
+
+        counted: whether its time, with that of its latch, is one of `compute_s`.
+        """
         began = time.perf_counter()
         if picture.matrix is None or not picture.items:
             self._renderer.draw_black(framebuffer)
         else:
             self._renderer.draw(framebuffer, picture.matrix, picture.items, picture.brightness)
-        if picture.items:
-            self.compute_s.append(time.perf_counter() - began)
+        with framebuffer.ctx:
+            framebuffer.ctx.finish()
+        if picture.items and counted:
+            self.compute_s.append(self._latch_s + time.perf_counter() - began)
 
     def announce(self, flip_s: float, latch_lead_s: float) -> None:
         """Publish the pace, by which the tracker puts the camera's frames just before the latch."""
