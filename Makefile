@@ -17,6 +17,12 @@ help: ## list the targets
 
 setup: $(READY) ## install what the project needs: Debian packages and .venv
 
+# A checkout that was moved or copied, or whose Python was replaced, needs its .venv again.
+ifneq ($(shell cat $(READY) 2>/dev/null && $(BIN)/python -c 'import pip' 2>&1),$(CURDIR))
+$(READY): FORCE
+endif
+FORCE:
+
 $(READY): pyproject.toml .ci/setup
 	PYTHON=$(PYTHON) bash .ci/setup
 

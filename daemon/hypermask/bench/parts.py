@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import moderngl
+import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
 from hypermask import paths
 from hypermask.bench.runs import clips, scenario
 from hypermask.bench.table import Table
-from hypermask.mask import load_mask
+from hypermask.face.mouth import MOUTH_SHAPES
+from hypermask.geometry import Pose
+from hypermask.mask import Mask, load_mask
+from hypermask.rehearsal.cart import true_procam
+from hypermask.stage.renderer import StageRenderer
+from hypermask.workers.cast import Cast
+from hypermask_sim.world import World
 
 
 def realtime(progress: bool) -> Table:
@@ -56,8 +66,33 @@ def stage(progress: bool) -> Table:
 
     mask = load_mask(paths.configs() / "masks" / "reference")
     result = run(create_context, mask)
+    result = {"character_mean_posed_and_drawn": _character(create_context, mask)} | result
     title = "Drawing at 1280x720, software GL"
     return _times("stage", title, result, "Target: a face <= 5 ms p50.")
+
+
+def _character(create_context: Callable[[], moderngl.Context], mask: Mask) -> dict[str, float]:
+    """Milliseconds to pose and draw the built-in character with its mouth moving."""
+    context, size = create_context(), (1280, 720)
+    renderer = StageRenderer(context, size, mask)
+    cast = Cast({"mean": "mean"}, mask, renderer)
+    with context:
+        framebuffer = context.framebuffer(
+            [context.texture(size, 4)], context.depth_renderbuffer(size)
+        )
+    world = World(scenario("reference-cart", "performer.motion=dance"))
+    projector, times = true_procam(world), []
+    for frame in range(330):
+        pose = Pose(*world.camera_from_mask(frame / 60))
+        mouth = MOUTH_SHAPES["a"] * abs(np.sin(frame / 7))
+        began = time.perf_counter()
+        item = cast.item("mean", 1.0, np.eye(6)[1], mouth, frame / 60)
+        renderer.draw(framebuffer, projector.projector_from_mask(pose), [item], 1.0)
+        with context:
+            context.finish()
+        times.append((time.perf_counter() - began) * 1e3)
+    p50, p99 = np.percentile(times[30:], [50, 99])
+    return {"p50": float(p50), "p99": float(p99)}
 
 
 def tracking(progress: bool) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -31,12 +31,14 @@ def bench(
             for key, about in rows.items():
                 console.print(f"{key:14} {about}")
         return
-    tables = [item.run(not as_json) for item in find(name)]
-    if write is not None:
-        write_page(tables, write)
+    data: dict[str, Any] = {}
+    for item in find(name):
+        table = item.run(not as_json)
+        data[table.name] = table.as_data()
+        # At once, so that an hour of measuring is not lost to the last of them.
+        if write is not None:
+            write_page([table], write)
+        if not as_json:
+            console.print(table.markdown())
     if as_json:
-        data = {table.name: table.as_data() for table in tables}
         print_json(data.get(name, data))
-        return
-    for table in tables:
-        console.print(table.markdown())

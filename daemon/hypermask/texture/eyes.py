@@ -84,7 +84,9 @@ def _white(photo: Map, seen: Map, radius: Map, x: Map) -> Map:
     known = np.asarray(cv2.GaussianBlur(usable, (0, 0), 1.5), np.float32)
     white = diffuse(np.asarray(cv2.GaussianBlur(photo, (0, 0), 1.5), np.float32), known)
     grey = white.mean(axis=2, keepdims=True)
-    white = (0.4 * white + 0.6 * grey) * max(1.0, _LEAST_WHITE / max(float(np.median(grey)), 1.0))
+    white *= 0.4
+    white += 0.6 * grey
+    white *= max(1.0, _LEAST_WHITE / max(float(np.median(grey)), 1.0))
     shade = 1 - 0.25 * regions.ramp(np.abs(x), 8, 18)
     return np.asarray(white * shade[..., None], np.float32)
 

@@ -125,9 +125,7 @@ class MotionModel:
 
     def _noise(self, step_s: float) -> Array:
         integral = np.where(self._zero, step_s, np.expm1(self._sums * step_s) / self._divisor)
-        added: NDArray[np.complex128] = (
-            self._vectors @ (self._modal_density * integral) @ self._conjugate
-        )
+        added = self._vectors @ (self._modal_density * integral) @ self._conjugate
         return np.ascontiguousarray(added.real)
 
 
