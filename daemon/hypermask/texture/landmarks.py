@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hypermask.errors import DataError
 from hypermask.texture.models import DETECTOR, LANDMARKS, model_path
 from hypermask.texture.pupils import find_pupils
+from hypermask.texture.usable import check_lit, check_upright, check_whole
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -70,7 +71,7 @@ class FaceFinder:
     def find(self, image: Image) -> Landmarks:
         """The one face of a photograph (h, w, 3) BGR.
 
-        Raises `DataError` FACE-NONE, FACE-MANY, FACE-SMALL.
+        Raises `DataError` FACE-NONE, FACE-MANY, FACE-SMALL, FACE-TURNED, FACE-CUT, FACE-DARK.
         """
         faces = self.find_all(image)
         if not faces:
@@ -91,7 +92,14 @@ class FaceFinder:
                 f"the face is too small: {faces[0].eye_distance:.0f} pixels between the eyes",
                 f"Use a photograph with at least {MIN_EYE_DISTANCE_PX:.0f}, better 100 pixels.",
             )
-        return faces[0]
+        face = faces[0]
+        check_upright(image, face.score, self._best_score)
+        check_whole(face.points, (image.shape[1], image.shape[0]))
+        check_lit(image, face.points)
+        return face
+
+    def _best_score(self, image: Image) -> float:
+        return max((face.score for face in self.find_all(image)), default=0.0)
 
     def find_all(self, image: Image) -> list[Landmarks]:
         """All faces of the first scale at which there are any, largest first, bystanders out."""
