@@ -20,14 +20,17 @@ def build(
     out: Annotated[
         Path | None, typer.Option(help="The folder to make it in (default: the user's characters).")
     ] = None,
+    fine: Annotated[bool, typer.Option("--fine", help="1024 texels instead of 512.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Make a character from one photograph."""
     from hypermask import paths
     from hypermask.texture.build import build_character
+    from hypermask.texture.normalise import FINE_SIZE, SIZE
 
     shelf = out or paths.home() / "characters"
-    folder = shelf / build_character(photo, name, shelf).name
+    size = FINE_SIZE if fine else SIZE
+    folder = shelf / build_character(photo, name, shelf, size=size).name
     if as_json:
         print_json({"name": name, "folder": str(folder)})
     else:

@@ -33,7 +33,9 @@ Chosen on faces left out, parts of them hidden; 600 to 1500 are about as good.""
 _ITERATIONS = 100
 _TOLERANCE = 1e-6
 _STRANGE = (3.0, 4.5)
-_ROUNDS = 2
+_ROUNDS = 3
+_FIRST = 8
+"""Bases of the first round: too few for dark eyes to be fitted to sunglasses."""
 _SMOOTH = 2.0
 
 
@@ -130,32 +132,53 @@ def estimate(
     do; its weight is taken away and the model is fitted again.
     """
     count = min(count, model.count)
-    kept = weight
-    for round_number in range(_ROUNDS + 1):
-        coefficients = SOLVERS[solver](model, texture, kept, spacing, count)
-        modelled = model.texture(coefficients)
-        if round_number < _ROUNDS:
-            kept = weight * (1 - strange(model, texture - modelled, weight))
+    solve, kept = SOLVERS[solver], weight
+    coefficients = solve(model, texture, kept, spacing, min(_FIRST, count))
+    for _ in range(_ROUNDS):
+        kept = weight * (1 - strange(model, texture, weight, coefficients))
+        coefficients = solve(model, texture, kept, spacing, count)
+    modelled = model.texture(coefficients)
     whole = modelled + carried(texture - modelled, kept)
     return Estimate(coefficients, modelled, np.asarray(np.clip(whole, 0, 255), np.float32), kept)
 
 
-def strange(model: MorphableModel, residual: Map, weight: Map) -> Map:
-    """(SIDE, SIDE) 0 to 1: how surely something that is no face lies there."""
-    smooth = cv2.GaussianBlur(residual, (0, 0), _SMOOTH)
-    ratio = np.sqrt(np.square(smooth).mean(axis=2)) / model.spread
-    found = regions.ramp(ratio, *_STRANGE) * (weight > 0)
-    grown = cv2.dilate(found, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
-    return np.asarray(cv2.GaussianBlur(grown, (0, 0), 1.5), np.float32)
+def strange(model: MorphableModel, texture: Map, weight: Map, coefficients: Array) -> Map:
+    """(SIDE, SIDE) 0 to 1: how surely something that is no face lies there (at half resolution)."""
+    size = (SIDE // 2, SIDE // 2)
+    mean, bases, spread = _halved(model)
+    count = len(coefficients)
+    offset = coefficients.astype(np.float32) @ bases[:count].reshape(count, -1)
+    half = cv2.resize(texture, size, interpolation=cv2.INTER_AREA)
+    residual = half - mean - offset.reshape(mean.shape)
+    smooth = cv2.GaussianBlur(residual, (0, 0), _SMOOTH / 2)
+    ratio = np.sqrt(cv2.transform(smooth * smooth, np.full((1, 3), 1 / 3))) / spread
+    seen = cv2.resize(weight, size, interpolation=cv2.INTER_AREA) > 0
+    found = regions.ramp(np.asarray(ratio, np.float32), *_STRANGE) * seen
+    grown = cv2.dilate(found, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5)))
+    return np.asarray(cv2.resize(grown, (SIDE, SIDE), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+@functools.lru_cache(maxsize=8)
+def _halved(model: MorphableModel) -> tuple[Map, Map, Map]:
+    """(mean, bases, spread) at half the model's resolution."""
+    size = (SIDE // 2, SIDE // 2)
+    parts = [model.mean, *model.bases, model.spread]
+    mean, *bases, spread = (cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in parts)
+    return np.asarray(mean, np.float32), np.array(bases, np.float32), np.asarray(spread, np.float32)
 
 
 def carried(residual: Map, weight: Map) -> Map:
     """The residual (SIDE, SIDE, 3) of the skin that is believed, carried to where it is not."""
-    skin = weight * (1 - small(regions.features()))
+    skin = weight * _no_features()
     share = cv2.GaussianBlur(skin, (0, 0), 2)
     smooth = cv2.GaussianBlur(residual * skin[..., None], (0, 0), 2)
     values = smooth / np.maximum(share, 1e-4)[..., None]
     return diffuse(np.asarray(values, np.float32), np.minimum(share, skin))
+
+
+@functools.cache
+def _no_features() -> Map:
+    return np.asarray(1 - small(regions.features()), np.float32)
 
 
 def small(texture: NDArray[np.uint8] | Map) -> Map:
@@ -163,7 +186,8 @@ def small(texture: NDArray[np.uint8] | Map) -> Map:
     return np.asarray(cv2.resize(texture, (SIDE, SIDE), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def blend(texture: Map, weight: Map, estimated: Map) -> Map:
-    """x^ = W x + (I - W) x~ (PAPERS B6)."""
-    share = weight[..., None]
-    return np.asarray(share * texture + (1 - share) * estimated, np.float32)
+def blend(texture: NDArray[np.uint8], weight: Map, estimated: Map) -> NDArray[np.uint8]:
+    """x^ = W x + (I - W) x~ (PAPERS B6): (h, w, 3), rounded to whole levels."""
+    seen = texture.astype(np.float32)
+    mixed = cv2.blendLinear(seen, estimated, weight, 1 - weight)
+    return np.asarray(cv2.convertScaleAbs(mixed), np.uint8)

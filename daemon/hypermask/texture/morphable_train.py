@@ -23,7 +23,7 @@ from rich.progress import Progress
 from hypermask.errors import DataError, HypermaskError
 from hypermask.face.mesh import LANDMARKS, load_mesh
 from hypermask.texture.build import mean_texture
-from hypermask.texture.estimate import blend, estimate, small
+from hypermask.texture.estimate import estimate, small
 from hypermask.texture.fill import belief, fill
 from hypermask.texture.landmarks import FaceFinder
 from hypermask.texture.morphable import (
@@ -97,7 +97,8 @@ def complete_again(textures: Map, weights: Map, model: MorphableModel) -> Map:
     """Each texture completed by the model where its weight is low."""
     rows = []
     for texture, weight in zip(textures, weights, strict=True):
-        rows.append(blend(texture, weight, estimate(model, texture, weight).whole))
+        share = weight[..., None]
+        rows.append(share * texture + (1 - share) * estimate(model, texture, weight).whole)
     return np.array(rows)
 
 

@@ -93,8 +93,20 @@ def normalise(
 
 def interpolated(values: NDArray[np.float32], size: int = SIZE) -> NDArray[np.float32]:
     """(size, size, c) from values at the mesh's vertices (480, c)."""
+    corners, weights = _columns(size)
+    total = np.take(values, corners[0], axis=0) * weights[0]
+    for column in (1, 2):
+        total += np.take(values, corners[column], axis=0) * weights[column]
+    return np.asarray(total.reshape(size, size, -1), np.float32)
+
+
+@functools.cache
+def _columns(size: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+    """(3, size * size) vertices and (3, size * size, 1) weights, each contiguous for speed."""
     where = texels(size)
-    return np.asarray(np.einsum("ijk,ijkl->ijl", where.weights, values[where.corners]), np.float32)
+    corners = np.ascontiguousarray(where.corners.reshape(-1, 3).T, np.intp)
+    weights = np.ascontiguousarray(where.weights.reshape(-1, 3).T)
+    return corners, weights[..., None]
 
 
 def _vertices_in_photo(landmarks: Array) -> Array:
