@@ -191,3 +191,9 @@ def blend(texture: NDArray[np.uint8], weight: Map, estimated: Map) -> NDArray[np
     seen = texture.astype(np.float32)
     mixed = cv2.blendLinear(seen, estimated, weight, 1 - weight)
     return np.asarray(cv2.convertScaleAbs(mixed), np.uint8)
+
+
+def forget() -> None:
+    """Free what is kept of models that were used."""
+    _samples.cache_clear()
+    _halved.cache_clear()
