@@ -59,15 +59,38 @@ def ridge(
     """(count,) coefficients c = (B W B' + s2 L^-1)^-1 B W (x - mean), the most likely ones.
 
     texture: (SIDE, SIDE, 3); weight: (SIDE, SIDE), 0 to 1. L: the faces' variances; s2: the
-    variance of what the bases leave, greater where the grid is finer than that varies.
+    variance of what the bases leave, greater where the grid is finer than that varies. On a coarse
+    grid each point is the mean of four, which costs little and takes half the noise away.
     """
-    mean, bases = _samples(model, spacing, count)
-    weights = np.repeat(on_grid(weight, spacing).reshape(-1), 3).astype(float)
-    wanted = on_grid(texture, spacing).reshape(-1) - mean
+    starts = _starts(spacing)
+    means, bases = _cells(model, spacing, count)
+    share = [weight[y::spacing, x::spacing] for y, x in starts]
+    total = np.sum(share, axis=0)
+    parts = zip(starts, means, share, strict=True)
+    weighted = [w[..., None] * (texture[y::spacing, x::spacing] - m) for (y, x), m, w in parts]
+    wanted = (np.sum(weighted, axis=0) / np.maximum(total, 1e-6)[..., None]).reshape(-1)
+    weights = np.repeat(total.reshape(-1) / len(starts), 3).astype(float)
     noise = model.noise * max(_CORRELATION / spacing**2, 1.0)
-    weighted = bases * weights
-    normal = weighted @ bases.T + np.diag(noise / model.variances[:count])
-    return np.linalg.solve(normal, weighted @ wanted)
+    scaled = bases * weights
+    normal = scaled @ bases.T + np.diag(noise / model.variances[:count])
+    return np.linalg.solve(normal, scaled @ wanted)
+
+
+def _starts(spacing: int) -> list[tuple[int, int]]:
+    """(row, column) in a cell of the texels that stand for it."""
+    if spacing < 4:
+        return [(spacing // 2, spacing // 2)]
+    places = spacing // 4, spacing - spacing // 4 - 1
+    return [(y, x) for y in places for x in places]
+
+
+@functools.lru_cache(maxsize=8)
+def _cells(model: MorphableModel, spacing: int, count: int) -> tuple[list[Map], Array]:
+    """(means at each of the starts (h, w, 3), bases (count, 3 m) averaged over them)."""
+    starts = _starts(spacing)
+    means = [np.ascontiguousarray(model.mean[y::spacing, x::spacing]) for y, x in starts]
+    bases = [model.bases[:count, y::spacing, x::spacing] for y, x in starts]
+    return means, np.mean(bases, axis=0, dtype=float).reshape(min(count, model.count), -1)
 
 
 def levenberg_marquardt(
@@ -196,4 +219,5 @@ def blend(texture: NDArray[np.uint8], weight: Map, estimated: Map) -> NDArray[np
 def forget() -> None:
     """Free what is kept of models that were used."""
     _samples.cache_clear()
+    _cells.cache_clear()
     _halved.cache_clear()
