@@ -30,11 +30,14 @@ def build(
 
     shelf = out or paths.home() / "characters"
     size = FINE_SIZE if fine else SIZE
-    folder = shelf / build_character(photo, name, shelf, size=size).name
+    told: list[str] = []
+    folder = shelf / build_character(photo, name, shelf, size=size, tell=told.append).name
     if as_json:
-        print_json({"name": name, "folder": str(folder)})
+        print_json({"name": name, "folder": str(folder), "advice": told})
     else:
         console.print(f"The character '{name}' is ready in {folder}")
+        for sentence in told:
+            console.print(sentence)
         console.print(f"Try it: hypermask rehearse --set character={folder}")
 
 

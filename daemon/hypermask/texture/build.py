@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import functools
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -20,6 +21,7 @@ from hypermask.face.character import (
     save_character,
 )
 from hypermask.texture import regions
+from hypermask.texture.advice import advice
 from hypermask.texture.estimate import blend, estimate, small
 from hypermask.texture.eyes import eye_textures
 from hypermask.texture.fill import balance, belief
@@ -51,10 +53,12 @@ def build_character(
     out: Path | None = None,
     date: datetime.date | None = None,
     size: int = SIZE,
+    tell: Callable[[str], None] | None = None,
 ) -> Character:
     """Make and save the character `name` in the folder `out`/`name` (default: the user's own).
 
-    size: texels of the texture's side, 512 or 1024.
+    size: texels of the texture's side, 512 or 1024; tell: is given each sentence of advice on a
+    photograph that could be better.
 
     Raises `UsageError` CHAR-NAME; `DataError` PHOTO-ABSENT, PHOTO-FORMAT, PHOTO-SIZE, FACE-NONE,
     FACE-MANY, FACE-SMALL, FACE-HIDDEN, FACE-MODELS, TEXTURE-MODEL; `HypermaskError` DISK-WRITE.
@@ -65,6 +69,9 @@ def build_character(
     texture, eyes = make_texture(image, face, size)
     made = (date or datetime.date.today()).isoformat()
     character = Character(name, photo.name, made, texture, eyes, face.points)
+    if tell is not None:
+        for sentence in advice(image, face):
+            tell(sentence)
     save_character(character, (out or paths.home() / "characters") / name, _COMPRESSION)
     return character
 
