@@ -16,7 +16,7 @@ from hypermask.texture.build import build_character, make_texture, mean_texture
 from hypermask.texture.fill import belief, diffuse, skin_colour
 from hypermask.texture.landmarks import FaceFinder
 from hypermask.texture.models import MODELS
-from hypermask.texture.normalise import SIZE, normalise
+from hypermask.texture.normalise import FINE_SIZE, SIZE, normalise
 from hypermask.texture.photo import load_photo
 
 FACES = Path(__file__).parents[2].parent / "shared" / "data" / "faces"
@@ -160,6 +160,79 @@ def test_hair_over_the_forehead_is_not_believed(finder: FaceFinder) -> None:
     covered[fringe] = (20, 200, 60)
     assert belief(covered)[fringe & (regions.depth_mm() > 8)].max() < 0.2
     assert belief(covered)[(np.abs(x) < 20) & (np.abs(y) < 20)].min() > 0.9
+
+
+def _glasses(image: np.ndarray, eyes: np.ndarray, filled: bool) -> np.ndarray:
+    worn, unit = image.copy(), float(np.hypot(*(eyes[1] - eyes[0])))
+    for eye in eyes:
+        place = (round(eye[0]), round(eye[1] + 0.06 * unit))
+        size = (round(0.38 * unit), round(0.28 * unit))
+        cv2.ellipse(worn, place, size, 0, 0, 360, (22, 20, 20), -1 if filled else round(unit / 20))
+    return worn
+
+
+@needs_models
+@needs_photos
+@pytest.mark.parametrize("filled", [False, True], ids=["glasses", "sunglasses"])
+def test_glasses_do_not_reach_the_texture(finder: FaceFinder, filled: bool) -> None:
+    """Below the eyes, where the rims are, the skin stays near what it is without glasses."""
+    for photo in PHOTOS[:3]:
+        image = load_photo(photo)
+        bare, _ = make_texture(image, finder.find(image))
+        face = finder.find(image)
+        worn, _ = make_texture(_glasses(image, face.pupils, filled), face)
+        x, y = regions.grid_mm()
+        rim = regions.depth_mm() < -5
+        rims = (np.abs(np.abs(x) - 31) < 8) & (y > 2) & (y < 14)
+        assert np.abs(worn[rims].astype(int) - bare[rims]).mean() < 20
+        assert np.abs(worn[rim].astype(int) - bare[rim]).mean() < 8
+
+
+@needs_models
+@needs_photos
+def test_a_microphone_before_the_mouth_is_not_smeared_to_the_rim(finder: FaceFinder) -> None:
+    image = load_photo(PHOTOS[0])
+    face = finder.find(image)
+    bare, _ = make_texture(image, face)
+    unit = face.eye_distance
+    mouth = face.points[17, :2] + (0.2 * unit, 0.1 * unit)
+    held = image.copy()
+    end = mouth + unit * np.array([0.8, 1.2])
+    places = [tuple(int(v) for v in place) for place in (mouth, end)]
+    cv2.circle(held, places[0], round(0.3 * unit), (40, 40, 40), -1)
+    cv2.line(held, *places, (30, 30, 30), round(0.2 * unit))
+    texture, _ = make_texture(held, face)
+    x, y = regions.grid_mm()
+    chin = (y < -62) & (y > -125) & (np.abs(x) < 60)
+    assert np.abs(texture[chin].astype(int) - bare[chin]).mean() < 10
+    assert texture[chin].max(axis=1).min() > 60
+
+
+@needs_models
+@needs_photos
+def test_the_fine_texture_is_the_same_face_with_more_detail(finder: FaceFinder) -> None:
+    image = load_photo(PHOTOS[0])
+    face = finder.find(image)
+    usual, eyes = make_texture(image, face)
+    fine, fine_eyes = make_texture(image, face, FINE_SIZE)
+    assert fine.shape == (FINE_SIZE, FINE_SIZE, 3)
+    reduced = cv2.resize(fine, (SIZE, SIZE), interpolation=cv2.INTER_AREA).astype(int)
+    assert np.abs(reduced - usual).mean() < 1.5
+    assert np.abs(fine_eyes.astype(int) - eyes).mean() < 3
+    inside = cv2.resize(regions.depth_mm(), (FINE_SIZE, FINE_SIZE)) > 15
+    again = cv2.resize(usual, (FINE_SIZE, FINE_SIZE))
+    details = [cv2.Laplacian(t, cv2.CV_32F)[inside].std() for t in (fine, again)]
+    assert details[0] > 1.1 * details[1]
+
+
+@needs_models
+@needs_photos
+def test_the_papers_fit_gives_nearly_the_same_texture(finder: FaceFinder) -> None:
+    image = load_photo(PHOTOS[0])
+    face = finder.find(image)
+    usual = normalise(image, face.points[:, :2], face.eye_distance).astype(int)
+    paper = normalise(image, face.points[:, :2], face.eye_distance, fit="hardy")
+    assert 0 < np.abs(paper - usual)[regions.depth_mm() > 10].mean() < 6
 
 
 @needs_models

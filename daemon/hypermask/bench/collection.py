@@ -46,6 +46,9 @@ BENCHES: dict[str, Bench] = {
     "prediction": Bench("the motion predictors alone", "hypermask.bench.parts:prediction"),
     "tracking": Bench("tracking beside OpenCV's blob detector", "hypermask.bench.parts:tracking"),
     "stage": Bench("drawing and reading back", "hypermask.bench.parts:stage"),
+    "texture": Bench(
+        "photo to character and the paper's experiments on it", "hypermask.bench.texture:texture"
+    ),
     "realtime": Bench("flips on time against the real clock", "hypermask.bench.parts:realtime"),
 }
 

@@ -21,20 +21,26 @@ def build(
     out: Annotated[
         Path | None, typer.Option(help="The folder to make it in (default: the user's characters).")
     ] = None,
+    fine: Annotated[bool, typer.Option("--fine", help="1024 texels instead of 512.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Make a character from one photograph."""
     from hypermask import paths
     from hypermask.texture.build import build_character
+    from hypermask.texture.normalise import FINE_SIZE, SIZE
 
     if out is None and (paths.configs() / "characters" / name).exists():
         raise UsageError("CHAR-NAME", f"'{name}' is a built-in character", "Choose another name.")
     shelf = out or paths.home() / "characters"
-    folder = shelf / build_character(photo, name, shelf).name
+    size = FINE_SIZE if fine else SIZE
+    told: list[str] = []
+    folder = shelf / build_character(photo, name, shelf, size=size, tell=told.append).name
     if as_json:
-        print_json({"name": name, "folder": str(folder)})
+        print_json({"name": name, "folder": str(folder), "advice": told})
     else:
         console.print(f"The character '{name}' is ready in {folder}")
+        for sentence in told:
+            console.print(sentence)
         console.print(f"Try it: hypermask rehearse --set character={folder}")
 
 

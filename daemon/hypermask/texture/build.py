@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import functools
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -20,18 +21,25 @@ from hypermask.face.character import (
     save_character,
 )
 from hypermask.texture import regions
+from hypermask.texture.advice import advice
+from hypermask.texture.estimate import blend, estimate, small
 from hypermask.texture.eyes import eye_textures
-from hypermask.texture.fill import balance, belief, fill
+from hypermask.texture.fill import balance, belief
 from hypermask.texture.landmarks import FaceFinder, Landmarks
-from hypermask.texture.normalise import normalise
+from hypermask.texture.morphable import load_model
+from hypermask.texture.normalise import SIZE, normalise
 from hypermask.texture.photo import load_photo
+from hypermask.texture.viewing import viewing
 
 Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
 
 MEAN = "mean"
 """The built-in character that stands in where a photograph shows no skin."""
 _LEAST_BELIEF = 0.35
 _LIP_LINE = 0.55
+_COMPRESSION = 1
+"""Of the PNG: a few kB more than the usual 3, in two thirds of the time."""
 
 
 @functools.cache
@@ -40,44 +48,90 @@ def _finder(folder: Path) -> FaceFinder:
 
 
 def build_character(
-    photo: Path, name: str, out: Path | None = None, date: datetime.date | None = None
+    photo: Path,
+    name: str,
+    out: Path | None = None,
+    date: datetime.date | None = None,
+    size: int = SIZE,
+    tell: Callable[[str], None] | None = None,
 ) -> Character:
     """Make and save the character `name` in the folder `out`/`name` (default: the user's own).
 
+    size: texels of the texture's side, 512 or 1024; tell: is given each sentence of advice on a
+    photograph that could be better.
+
     Raises `UsageError` CHAR-NAME; `DataError` PHOTO-ABSENT, PHOTO-FORMAT, PHOTO-SIZE, FACE-NONE,
-    FACE-MANY, FACE-SMALL, FACE-HIDDEN, FACE-MODELS; `HypermaskError` DISK-WRITE.
+    FACE-MANY, FACE-SMALL, FACE-HIDDEN, FACE-MODELS, TEXTURE-MODEL; `HypermaskError` DISK-WRITE.
     """
     check_name(name)
     image = load_photo(photo)
     face = _finder(paths.models()).find(image)
-    texture, eyes = make_texture(image, face)
+    texture, eyes = make_texture(image, face, size)
     made = (date or datetime.date.today()).isoformat()
     character = Character(name, photo.name, made, texture, eyes, face.points)
-    save_character(character, (out or paths.home() / "characters") / name)
+    if tell is not None:
+        for sentence in advice(image, face):
+            tell(sentence)
+    save_character(character, (out or paths.home() / "characters") / name, _COMPRESSION)
     return character
 
 
-def make_texture(image: Image, face: Landmarks) -> tuple[Image, Image]:
-    """(texture, eyes), both RGB, from a photograph (h, w, 3) BGR and its landmarks."""
-    mean = mean_texture()
-    flat = normalise(image, face.points[:, :2], face.eye_distance)
-    eyes = eye_textures(flat)
-    weight = belief(flat)
+def make_texture(image: Image, face: Landmarks, size: int = SIZE) -> tuple[Image, Image]:
+    """(texture (size, size, 3), eyes), both RGB, from a photograph (h, w, 3) BGR and landmarks.
+
+    size: 512 or 1024. Raises `DataError` FACE-HIDDEN, TEXTURE-MODEL.
+    """
+    flat = _normalised(image, face, SIZE)
+    weight = np.minimum(belief(flat), viewing(face.points))
     if float(weight.max()) < _LEAST_BELIEF:
         raise DataError(
             "FACE-HIDDEN", "too little skin is seen in the photograph", "Use another photograph."
         )
-    whole = balance(fill(_lip_line(flat), weight, mean), mean)
-    return _rgb(whole), _rgb(eyes)
+    lined = _lip_line(flat)
+    found = estimate(load_model(), small(lined), small(weight))
+    fine = lined if size == SIZE else _lip_line(_normalised(image, face, size))
+    weight = _enlarged(np.minimum(weight, _enlarged(found.weight, SIZE)), size)
+    whole = blend(fine, weight, _enlarged(found.whole, size))
+    seen = whole if size == SIZE else _reduced(whole)
+    return _rgb(balance(whole, mean_texture())), _rgb(eye_textures(seen))
+
+
+def _normalised(image: Image, face: Landmarks, size: int) -> Image:
+    return normalise(image, face.points[:, :2], face.eye_distance, size)
+
+
+def _enlarged(values: Map, size: int) -> Map:
+    if values.shape[0] == size:
+        return values
+    return np.asarray(cv2.resize(values, (size, size), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _reduced(texture: Image) -> Image:
+    return np.asarray(cv2.resize(texture, (SIZE, SIZE), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _lip_line(texture: Image) -> Image:
     """Dark where the lips meet: a photograph with an open mouth has teeth there."""
+    size = texture.shape[0]
+    lips, share, rows = _lips(size)
+    part = texture[rows]
+    colour = np.median(part[lips], axis=0) * _LIP_LINE
+    lined = texture.copy()
+    lined[rows] = part * (1 - share) + colour * share
+    return lined
+
+
+@functools.cache
+def _lips(size: int) -> tuple[NDArray[np.bool_], Map, slice]:
+    """(lips without the gap between them, share of the gap (h, w, 1), the rows of both)."""
     gap = regions.grow(regions.polygon(points.LIPS_INNER), 0.8)
-    lips = texture[(regions.polygon(points.LIPS_OUTER) > 0) & (gap == 0)]
-    colour = np.median(lips, axis=0) * _LIP_LINE
-    share = regions.soften(gap, 0.4)[..., None]
-    return np.asarray(texture * (1 - share) + colour * share, np.uint8)
+    outer = regions.polygon(points.LIPS_OUTER)
+    found = np.flatnonzero(np.maximum(gap, outer).any(axis=1))
+    factor = size // SIZE
+    rows = slice(int(found[0] - 8) * factor, int(found[-1] + 8) * factor)
+    lips = _enlarged(np.where(gap == 0, outer, 0).astype(np.float32), size) > 0.5
+    share = _enlarged(regions.soften(gap, 0.4), size)
+    return lips[rows], share[rows][..., None], rows
 
 
 @functools.cache

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.texture import regions
+from hypermask.texture.normalise import SIZE
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
@@ -29,8 +30,13 @@ _LEAST_SPREAD = (14.0, 5.0, 5.0)
 
 def skin_colour(texture: Image) -> NDArray[np.float32]:
     """Median Lab colour (3,) of the cheeks, OpenCV's 8-bit scale."""
-    lab = cv2.cvtColor(texture, cv2.COLOR_BGR2LAB)[regions.cheeks() > 0.5].astype(np.float32)
+    lab = cv2.cvtColor(texture[_cheeks()][:, None], cv2.COLOR_BGR2LAB)[:, 0].astype(np.float32)
     return np.asarray(np.median(lab, axis=0), np.float32)
+
+
+@functools.cache
+def _cheeks() -> NDArray[np.bool_]:
+    return regions.cheeks() > 0.5
 
 
 def belief(texture: Image) -> Map:
@@ -38,11 +44,12 @@ def belief(texture: Image) -> Map:
     weight = regions.ramp(regions.depth_mm(), *_BORDER_MM)
     smooth = cv2.GaussianBlur(texture, (0, 0), 1.2)
     lab = cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB).astype(np.float32)
-    seen = lab[regions.cheeks() > 0.5]
+    seen = lab[_cheeks()]
     middle = np.median(seen, axis=0)
     spread = 1.4826 * np.median(np.abs(seen - middle), axis=0)
     spread = np.maximum(1.5 * spread, _LEAST_SPREAD)
-    distance = np.sqrt(np.square((lab - middle) / spread).sum(axis=2)).astype(np.float32)
+    scaled = cv2.transform(lab, np.column_stack([np.diag(1 / spread), -middle / spread]))
+    distance = np.sqrt(cv2.transform(scaled * scaled, np.ones((1, 3))))
     strange = regions.ramp(distance, _LIMIT - 0.5, _LIMIT + 0.5) * _tested()
     strange = regions.grow(regions.grow(strange, -0.6), 3.6)
     return np.asarray(weight * (1 - regions.soften(strange, 1.5)), np.float32)
@@ -91,11 +98,23 @@ def diffuse(values: Map, weight: Map) -> Map:
 
 
 def balance(texture: Image, mean: Image) -> Image:
-    """White balance and exposure part of the way towards the mean; a person's own skin stays."""
-    own, wanted = skin_colour(texture), skin_colour(mean)
+    """White balance and exposure part of the way towards the mean; a person's own skin stays.
+
+    texture: (SIZE or more, same, 3) BGR.
+    """
+    size = (SIZE, SIZE)
+    sample = texture if texture.shape[:2] == size else _resized(texture, size)
+    own, wanted = skin_colour(sample), skin_colour(mean)
     shift = np.clip((wanted - own) * (0.2, 0.4, 0.4), (-12, -6, -6), (16, 6, 6))
-    lab = cv2.cvtColor(texture, cv2.COLOR_BGR2LAB).astype(np.float32)
-    light = lab[..., 0] / 255
-    lab[..., 0] += shift[0] * 4 * light * (1 - light) * 1.2
-    lab[..., 1:] += shift[1:] * np.minimum(light * 2, 1)[..., None]
-    return np.asarray(cv2.cvtColor(np.clip(lab, 0, 255).astype(np.uint8), cv2.COLOR_LAB2BGR))
+    light = np.arange(256) / 255
+    lightness = np.arange(256) + shift[0] * 4 * light * (1 - light) * 1.2
+    hue = np.floor(shift[1:] * np.minimum(light * 2, 1)[:, None]).astype(np.int8)
+    level, a, b = cv2.split(cv2.cvtColor(texture, cv2.COLOR_BGR2LAB))
+    shifted = [cv2.LUT(level, np.clip(lightness, 0, 255).astype(np.uint8))]
+    for channel, table in ((a, hue[:, 0]), (b, hue[:, 1])):
+        shifted.append(cv2.add(channel, table[level], dtype=cv2.CV_8U))
+    return np.asarray(cv2.cvtColor(cv2.merge(shifted), cv2.COLOR_LAB2BGR), np.uint8)
+
+
+def _resized(texture: Image, size: tuple[int, int]) -> Image:
+    return np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), np.uint8)

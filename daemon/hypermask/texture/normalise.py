@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -12,14 +12,19 @@ from numpy.typing import NDArray
 
 from hypermask.face.mesh import LANDMARKS, even_lips, load_mesh
 from hypermask.face.points import LIP_COLUMNS, OVAL
+from hypermask.texture.fit import hardy_fit
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Fit = Literal["landmarks", "hardy"]
+"""All 468 landmarks, affine in each triangle; or the paper's 84 and a multiquadric."""
 
 SIZE = 512
+FINE_SIZE = 1024
 _LIP_INSET = 0.12
 _PHOTO_EYES_PX = 240.0
-"""Larger photographs are scaled down to this distance of the pupils before they are sampled."""
+"""Larger photographs are scaled down to this distance of the pupils before they are sampled; at
+1024 texels to twice as much."""
 
 
 @dataclass(frozen=True)
@@ -52,33 +57,56 @@ def rasterise(points: Array, triangles: NDArray[np.int32], size: tuple[int, int]
 
 
 @functools.cache
-def texels() -> Raster:
+def texels(size: int = SIZE) -> Raster:
     """Every texel of the layout; the openings of eyes and mouth are covered as well."""
     mesh = load_mesh()
     triangles = np.concatenate([mesh.triangles, mesh.holes])
-    return rasterise(mesh.uv.astype(float) * SIZE - 0.5, triangles, (SIZE, SIZE))
+    return rasterise(mesh.uv.astype(float) * size - 0.5, triangles, (size, size))
 
 
 def _cross(u: Array, v: Array) -> Array:
     return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
 
 
-def normalise(photo: NDArray[Any], landmarks: Array, eye_distance: float) -> Image:
-    """The photograph (h, w, 3) in the texture's layout: (SIZE, SIZE, 3), same colour order.
+def normalise(
+    photo: NDArray[Any],
+    landmarks: Array,
+    eye_distance: float,
+    size: int = SIZE,
+    fit: Fit = "landmarks",
+) -> Image:
+    """The photograph (h, w, 3) in the texture's layout: (size, size, 3), same colour order.
 
     landmarks: (468, 2) pixels; eye_distance: pixels between the pupils.
     """
-    shrink = min(_PHOTO_EYES_PX / eye_distance, 1.0)
+    shrink = min(_PHOTO_EYES_PX * size / SIZE / eye_distance, 1.0)
     if shrink < 1:
         photo = cv2.resize(photo, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
         landmarks = (landmarks + 0.5) * shrink - 0.5
-    where = texels()
-    vertices = _vertices_in_photo(landmarks).astype(np.float32)
-    place = np.einsum("ijk,ijkl->ijl", where.weights, vertices[where.corners])
+    fitted = hardy_fit(_inside_lips(landmarks)) if fit == "hardy" else _vertices_in_photo(landmarks)
+    place = interpolated(fitted.astype(np.float32), size)
     sampled = cv2.remap(
         photo, place[..., 0], place[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
     )
     return np.asarray(sampled, np.uint8)
+
+
+def interpolated(values: NDArray[np.float32], size: int = SIZE) -> NDArray[np.float32]:
+    """(size, size, c) from values at the mesh's vertices (480, c)."""
+    corners, weights = _columns(size)
+    total = np.take(values, corners[0], axis=0) * weights[0]
+    for column in (1, 2):
+        total += np.take(values, corners[column], axis=0) * weights[column]
+    return np.asarray(total.reshape(size, size, -1), np.float32)
+
+
+@functools.cache
+def _columns(size: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+    """(3, size * size) vertices and (3, size * size, 1) weights, each contiguous for speed."""
+    where = texels(size)
+    corners = np.ascontiguousarray(where.corners.reshape(-1, 3).T, np.intp)
+    weights = np.ascontiguousarray(where.weights.reshape(-1, 3).T)
+    return corners, weights[..., None]
 
 
 def _vertices_in_photo(landmarks: Array) -> Array:
