@@ -40,7 +40,8 @@ def check_upright(image: Image, score: float, best_score: Callable[[Image], floa
 def check_whole(points: Array, size: tuple[int, int]) -> None:
     """points: (468, 2 or more) px; size: (width, height). Raises `DataError` FACE-CUT."""
     xy = points[:, :2]
-    outside = ((xy < 0) | (xy > np.array(size) - 1)).any(axis=1)
+    beyond: NDArray[np.bool_] = (xy < 0) | (xy > np.array(size) - 1)
+    outside: NDArray[np.bool_] = np.asarray(beyond.any(axis=1))
     if outside[list(_NEEDED)].any() or outside.mean() > _MOST_OUTSIDE:
         raise DataError(
             "FACE-CUT",
