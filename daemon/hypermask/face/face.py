@@ -10,18 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hypermask.face import interior
+from hypermask.face.action_units import ActionUnits, Weights, load_action_units, unit_weights
 from hypermask.face.character import Character
-from hypermask.face.emotions import emotion_fields, emotion_mouths, emotion_weights
+from hypermask.face.emotions import Variant, emotion_units, emotion_weights
+from hypermask.face.features import carrier
 from hypermask.face.lids import Lids, close_lids, make_lids
+from hypermask.face.limits import Guard, hold, make_guard, reaches
 from hypermask.face.mesh import Mesh, load_mesh
 from hypermask.face.mouth import (
     Lips,
     check_mouth,
-    combine,
     half_width,
     make_lips,
     mouth_fields,
     part_lips,
+    spoken,
 )
 from hypermask.mask import Mask
 from hypermask.stage.layers import Actor, MeshLayer
@@ -34,27 +37,35 @@ Positions = NDArray[np.float32]
 class Rig:
     """All that moves the mesh, the same for every character.
 
-    fields: (19, 3 V) metres, six emotions then 13 mouth parameters; emotion_mouths: (6, 13).
+    moves: (88, 144) metres, what each half of an action unit does to the 48 feature points;
+    carrier: (V, 48), how the vertices follow them; reach: (48,) metres; mouth: (13, 3 V) metres.
     """
 
     mesh: Mesh
-    fields: Array
-    emotion_mouths: Array
+    units: ActionUnits
+    moves: Array
+    carrier: Array
+    reach: Array
+    mouth: Array
     lids: Lids
     lips: Lips
+    guard: Guard
     half_width: float
 
 
 @functools.cache
 def load_rig() -> Rig:
-    mesh = load_mesh()
-    fields = np.concatenate([emotion_fields(mesh), mouth_fields(mesh)])
+    mesh, units = load_mesh(), load_action_units()
     return Rig(
         mesh,
-        fields.reshape(len(fields), -1),
-        emotion_mouths(),
+        units,
+        units.moves.reshape(len(units.moves), -1),
+        carrier(),
+        reaches(units.moves),
+        mouth_fields(mesh).reshape(13, -1),
         make_lids(mesh),
         make_lips(mesh),
+        make_guard(mesh),
         half_width(mesh),
     )
 
@@ -64,22 +75,50 @@ def deform(
     expression: Mapping[str, float] | ArrayLike | None = None,
     mouth: ArrayLike | None = None,
     lids: float | ArrayLike = 0.0,
+    units: Weights | ArrayLike | None = None,
+    variant: Variant = "full",
 ) -> tuple[Array, Array]:
     """(flat (V, 2), out (V,)): places on the mask and how far forward, in metres.
 
     expression: weights of `EMOTIONS` by name or (6,); mouth: the 13 parameters; lids: 0 open to
-    1 shut, one number or (left, right). An emotion's own mouth adds to the given one.
-    Raises `UsageError` FACE-EMOTION, FACE-MOUTH.
+    1 shut, one number or (left, right) as the audience sees them; units: action units by name, or
+    (44,) or (88,), see `action_units.unit_weights`; variant: which combinations the emotions are.
+    All of them add up; units that open or press the lips give way to a mouth that speech opens.
+    Raises `UsageError` FACE-EMOTION, FACE-MOUTH, FACE-AU.
     """
-    weights = emotion_weights(expression)
+    weights = all_units(expression, units, variant)
     shape = np.zeros(13) if mouth is None else check_mouth(mouth)
-    shape = combine(shape, weights @ rig.emotion_mouths)
-    moves = (np.concatenate([weights, shape]) @ rig.fields).reshape(-1, 3)
+    moves = _moves(rig, weights, shape)
     flat = rig.mesh.rest + moves[:, :2]
     part_lips(rig.lips, flat)
-    left, right = np.broadcast_to(np.clip(np.asarray(lids, float), 0, 1), (2,))
-    close_lids(rig.lids, flat, np.repeat([left, right], len(rig.lids.upper) // 2))
+    shut = 1 - (1 - np.clip(np.asarray(lids, float), 0, 1)) * (1 - _shut(rig, weights))
+    close_lids(rig.lids, flat, np.repeat(shut, len(rig.lids.upper) // 2))
+    rig.guard.untangle(flat)
     return flat, moves[:, 2]
+
+
+def all_units(
+    expression: Mapping[str, float] | ArrayLike | None,
+    units: Weights | ArrayLike | None,
+    variant: Variant = "full",
+) -> Array:
+    """(88,) intensities of emotions and units together, held within 0 to 1."""
+    weights = unit_weights(units)
+    if expression is not None:
+        weights = weights + emotion_weights(expression) @ emotion_units(variant)
+    return np.asarray(np.minimum(weights, 1))
+
+
+def _moves(rig: Rig, weights: Array, mouth: Array) -> Array:
+    """(V, 3) metres: what units (88,) and mouth (13,) do, before lips and lids meet."""
+    given = ((weights * (1 - spoken(mouth) * rig.units.yields)) @ rig.moves).reshape(-1, 3)
+    carried = rig.carrier @ hold(given, rig.reach)
+    return np.asarray(carried + (mouth @ rig.mouth).reshape(-1, 3))
+
+
+def _shut(rig: Rig, weights: Array) -> Array:
+    """(2,) shares of closing by the lids' own units, the audience's left eye first."""
+    return np.asarray(np.minimum(weights @ rig.units.lids, 1))
 
 
 class Face:
@@ -89,9 +128,10 @@ class Face:
     `positions` gives their vertices for one frame.
     """
 
-    def __init__(self, character: Character, mask: Mask) -> None:
+    def __init__(self, character: Character, mask: Mask, variant: Variant = "full") -> None:
         self.character = character
         self.mask = mask
+        self.variant = variant
         self.rig = load_rig()
         mesh = self.rig.mesh
         eyes, self._eye_places = interior.eye_layer(character.eyes)
@@ -104,6 +144,7 @@ class Face:
         expression: Mapping[str, float] | ArrayLike | None = None,
         mouth: ArrayLike | None = None,
         lids: float | ArrayLike = 0.0,
+        units: Weights | ArrayLike | None = None,
     ) -> tuple[Positions, ...]:
         """(V, 3) float32 metres in the mask frame for each layer of `actor`; see `deform`.
 
@@ -111,7 +152,7 @@ class Face:
         vertices stay on it; the parts behind the openings lie a few millimetres deeper.
         """
         rig = self.rig
-        flat, _ = deform(rig, expression, mouth, lids)
+        flat, _ = deform(rig, expression, mouth, lids, units, self.variant)
         lower, upper = interior.teeth_places(flat, rig.half_width)
         return (
             self._eyes,
