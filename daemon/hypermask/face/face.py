@@ -9,12 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hypermask.errors import UsageError
 from hypermask.face import interior
-from hypermask.face.action_units import ActionUnits, Weights, load_action_units, unit_weights
+from hypermask.face.action_units import (
+    NUMBERS,
+    ActionUnits,
+    Weights,
+    load_action_units,
+    unit_weights,
+)
 from hypermask.face.character import Character
 from hypermask.face.emotions import Variant, emotion_units, emotion_weights
 from hypermask.face.features import carrier
 from hypermask.face.lids import Lids, close_lids, make_lids
+from hypermask.face.life import LIFE, Life
 from hypermask.face.limits import Guard, hold, make_guard, reaches
 from hypermask.face.mesh import Mesh, load_mesh
 from hypermask.face.mouth import (
@@ -77,16 +85,24 @@ def deform(
     lids: float | ArrayLike = 0.0,
     units: Weights | ArrayLike | None = None,
     variant: Variant = "full",
+    gaze: ArrayLike | None = None,
 ) -> tuple[Array, Array]:
     """(flat (V, 2), out (V,)): places on the mask and how far forward, in metres.
 
     expression: weights of `EMOTIONS` by name or (6,); mouth: the 13 parameters; lids: 0 open to
     1 shut, one number or (left, right) as the audience sees them; units: action units by name, or
-    (44,) or (88,), see `action_units.unit_weights`; variant: which combinations the emotions are.
+    (44,) or (88,), see `action_units.unit_weights`; variant: which combinations the emotions are;
+    gaze: (right, up) in radians, which the upper lids follow.
     All of them add up; units that open or press the lips give way to a mouth that speech opens.
     Raises `UsageError` FACE-EMOTION, FACE-MOUTH, FACE-AU.
     """
-    weights = all_units(expression, units, variant)
+    weights = follow_gaze(all_units(expression, units, variant), gaze)
+    return _deform(rig, weights, mouth, lids)
+
+
+def _deform(
+    rig: Rig, weights: Array, mouth: ArrayLike | None, lids: float | ArrayLike
+) -> tuple[Array, Array]:
     shape = np.zeros(13) if mouth is None else check_mouth(mouth)
     moves = _moves(rig, weights, shape)
     flat = rig.mesh.rest + moves[:, :2]
@@ -95,6 +111,26 @@ def deform(
     close_lids(rig.lids, flat, np.repeat(shut, len(rig.lids.upper) // 2))
     rig.guard.untangle(flat)
     return flat, moves[:, 2]
+
+
+def follow_gaze(weights: Array, gaze: ArrayLike | None) -> Array:
+    """(88,) with the upper lids going up and down with the eyes. Raises `UsageError` FACE-GAZE."""
+    if gaze is None:
+        return weights
+    up = float(check_gaze(gaze)[1])
+    number, most = (5, 0.9) if up > 0 else (41, 1.4)
+    moved = weights.copy()
+    first = 2 * NUMBERS.index(number)
+    moved[first : first + 2] = np.minimum(moved[first : first + 2] + most * abs(up), 1)
+    return moved
+
+
+def check_gaze(gaze: ArrayLike) -> Array:
+    """(2,) radians within 0.6 each way. Raises `UsageError` FACE-GAZE."""
+    values = np.asarray(gaze, float)
+    if values.shape != (2,) or not np.isfinite(values).all():
+        raise UsageError("FACE-GAZE", "a gaze is not two finite angles", "Give right and up.")
+    return np.asarray(np.clip(values, -0.6, 0.6))
 
 
 def all_units(
@@ -124,8 +160,8 @@ def _shut(rig: Rig, weights: Array) -> Array:
 class Face:
     """A character laid on to a mask.
 
-    `actor` holds the layers (eyes, mouth, lower teeth, upper teeth, skin) for the stage;
-    `positions` gives their vertices for one frame.
+    `actor` holds the layers (eyes, mouth, lower teeth, upper teeth, skin, tongue) for the stage;
+    `positions` gives their vertices for one frame, `alive` those of a face that also lives.
     """
 
     def __init__(self, character: Character, mask: Mask, variant: Variant = "full") -> None:
@@ -134,10 +170,11 @@ class Face:
         self.variant = variant
         self.rig = load_rig()
         mesh = self.rig.mesh
-        eyes, self._eye_places = interior.eye_layer(character.eyes)
+        eyes, self._straight = interior.eye_layer(character.eyes)
         skin = MeshLayer("skin", mesh.triangles, mesh.uv, interior.rgba(character.texture))
-        self.actor = Actor((eyes, interior.bag_layer(), *interior.teeth_layers(), skin))
-        self._eyes = self._on_mask(self._eye_places, interior.EYE_DEPTH_M)
+        behind = (eyes, interior.bag_layer(), *interior.teeth_layers())
+        self.actor = Actor((*behind, skin, interior.tongue_layer()))
+        self._eyes = self._on_mask(self._straight, interior.EYE_DEPTH_M)
 
     def positions(
         self,
@@ -145,6 +182,7 @@ class Face:
         mouth: ArrayLike | None = None,
         lids: float | ArrayLike = 0.0,
         units: Weights | ArrayLike | None = None,
+        gaze: ArrayLike | None = None,
     ) -> tuple[Positions, ...]:
         """(V, 3) float32 metres in the mask frame for each layer of `actor`; see `deform`.
 
@@ -152,16 +190,43 @@ class Face:
         vertices stay on it; the parts behind the openings lie a few millimetres deeper.
         """
         rig = self.rig
-        flat, _ = deform(rig, expression, mouth, lids, units, self.variant)
+        weights = follow_gaze(all_units(expression, units, self.variant), gaze)
+        flat, _ = _deform(rig, weights, mouth, lids)
         lower, upper = interior.teeth_places(flat, rig.half_width)
+        tongue = interior.tongue_places(flat, rig.half_width, *_tongue(rig, weights))
         return (
-            self._eyes,
+            self._eyes if gaze is None else self._look(check_gaze(gaze)),
             self._on_mask(interior.bag_places(flat), interior.BAG_DEPTH_M),
             self._on_mask(lower[:, :2], interior.TEETH_DEPTH_M + lower[:, 2]),
             self._on_mask(upper[:, :2], interior.TEETH_DEPTH_M + upper[:, 2]),
             self._on_mask(flat, 0.0),
+            self._on_mask(tongue, 0.0),
         )
+
+    def alive(
+        self,
+        time_s: float,
+        expression: Mapping[str, float] | ArrayLike | None = None,
+        mouth: ArrayLike | None = None,
+        units: Weights | ArrayLike | None = None,
+        life: Life = LIFE,
+    ) -> tuple[Positions, ...]:
+        """`positions` with the blinks, the gaze and the breath of this moment."""
+        breathing = np.minimum(unit_weights(units) + life.units(time_s), 1)
+        gaze = life.gaze_at(time_s) if life.gaze else None
+        return self.positions(expression, mouth, life.lids(time_s), breathing, gaze)
+
+    def _look(self, gaze: Array) -> Positions:
+        return self._on_mask(interior.eye_places(self._straight, gaze), interior.EYE_DEPTH_M)
 
     def _on_mask(self, flat: Array, depth: float | Array) -> Positions:
         z = self.mask.height(flat[:, 0], flat[:, 1]) - depth
         return np.column_stack([flat, z]).astype(np.float32)
+
+
+def _tongue(rig: Rig, weights: Array) -> tuple[float, float]:
+    """(out, side): how far the tongue is shown, and to which side of the audience."""
+    halves = weights.reshape(-1, 2)
+    share = rig.units.tongue[::2]
+    side = float((halves[:, 0] - halves[:, 1]) @ share)
+    return min(float(halves.max(axis=1) @ share), 1.0), max(-1.0, min(side, 1.0))
