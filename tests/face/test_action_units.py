@@ -171,6 +171,8 @@ def test_ten_thousand_random_mixtures_turn_no_triangle_over() -> None:
         units = random.random(88) * (random.random(88) < (0.05, 0.2, 0.5, 1.0)[k % 4])
         emotions = random.dirichlet(np.ones(6)) * random.random()
         mouth = random.dirichlet(np.full(6, 0.4)) @ SHAPES
+        if k % 10 == 0:  # no mouth that anyone would speak with, but within the range
+            mouth = random.uniform(-1.5, 1.5, 13)
         flat = deform(RIG, emotions, mouth, random.random(2), units)[0]
         assert _sound(flat), k
 
@@ -182,6 +184,7 @@ def test_the_guard_moves_without_a_jump_and_only_when_it_must() -> None:
     path = np.array([deform(RIG, None, mouth, 0.0, units * w)[0] for w in np.linspace(0, 1, 201)])
     steps = np.abs(np.diff(path, axis=0)).max(axis=(1, 2)) * 1000
     assert steps.max() < 0.6
+    assert RIG.guard.untangle(path[-1].copy()) == 1.0
     near = np.full((48, 3), 0.001)
     assert hold(near, np.full(48, 0.01)) is near
     far = hold(near * 100, np.full(48, 0.01))

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 _BEYOND = 1.3
 """A point's reach is this much more than the farthest that one unit takes it."""
 _UNTOUCHED, _SOFT = 0.8, 0.3
+_TIGHT_M, _AROUND_M = 0.008, (0.015, 0.03)
+"""What lies so near to a torn triangle goes back with it; farther out ever less does."""
 _LEAST_AREA = 0.03
 """No triangle gets smaller than this share of its area at rest."""
 
@@ -54,19 +56,38 @@ class Guard:
     def untangle(self, flat: Array) -> float:
         """Bring flat (V, 2), in place, so far back towards rest that no triangle is turned over.
 
+        First only what is near, then wider around, and if that did not do the whole face, which
+        always does. Gives the least share of its way that any vertex has kept.
+        """
+        kept = 1.0
+        for around in (*_AROUND_M, None):
+            bad, scales = self._first_turns(flat)
+            if not len(bad):
+                return kept
+            kept *= float(scales.min())
+            share = scales.min() if around is None else self._share(bad, scales, around)[:, None]
+            flat -= (1 - share) * (flat - self.rest)
+        return kept
+
+    def _first_turns(self, flat: Array) -> tuple[NDArray[np.intp], Array]:
+        """The triangles below their least area, and where on their way they fall below it.
+
         Twice a triangle's area is a0 + a1 s + a2 s^2 along the straight way from rest (s = 0) to
-        `flat` (s = 1); the first s at which one falls below its least is where all stop.
+        `flat` (s = 1).
         """
         a1, a2 = self._growth(flat - self.rest)
         least = self.areas * (1 - _LEAST_AREA)
-        bad = np.flatnonzero(least + a1 + a2 < 0)
-        if not len(bad):
-            return 1.0
+        bad = np.flatnonzero(least + a1 + a2 < -1e-9 * self.areas)
         b, c, a = a1[bad], least[bad], a2[bad]
         root = np.sqrt(np.maximum(b * b - 4 * a * c, 0))
-        scale = float((2 * c / np.maximum(root - b, 1e-30)).min())
-        flat -= (1 - scale) * (flat - self.rest)
-        return scale
+        return bad, np.asarray(2 * c / np.maximum(root - b, 1e-30))
+
+    def _share(self, bad: NDArray[np.intp], scales: Array, around: float) -> Array:
+        """(V,) how much of its way each vertex keeps: bad triangles hold back what is near them."""
+        middles = sum(self.rest[corner[bad]] for corner in self.corners) / 3
+        far = np.linalg.norm(self.rest[:, None] - middles, axis=2)
+        near = np.exp(-((np.maximum(far - _TIGHT_M, 0) / around) ** 2))
+        return np.asarray(1 - (near * (1 - scales)).max(axis=1))
 
     def _growth(self, moved: Array) -> tuple[Array, Array]:
         a, b, c = self.corners
