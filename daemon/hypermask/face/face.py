@@ -174,7 +174,6 @@ class Face:
         skin = MeshLayer("skin", mesh.triangles, mesh.uv, interior.rgba(character.texture))
         behind = (eyes, interior.bag_layer(), *interior.teeth_layers())
         self.actor = Actor((*behind, skin, interior.tongue_layer()))
-        self._eyes = self._on_mask(self._straight, interior.EYE_DEPTH_M)
 
     def positions(
         self,
@@ -194,13 +193,13 @@ class Face:
         flat, _ = _deform(rig, weights, mouth, lids)
         lower, upper = interior.teeth_places(flat, rig.half_width)
         tongue = interior.tongue_places(flat, rig.half_width, *_tongue(rig, weights))
-        return (
-            self._eyes if gaze is None else self._look(check_gaze(gaze)),
-            self._on_mask(interior.bag_places(flat), interior.BAG_DEPTH_M),
-            self._on_mask(lower[:, :2], interior.TEETH_DEPTH_M + lower[:, 2]),
-            self._on_mask(upper[:, :2], interior.TEETH_DEPTH_M + upper[:, 2]),
-            self._on_mask(flat, 0.0),
-            self._on_mask(tongue, 0.0),
+        return self._on_mask(
+            (self._eyes_looking(gaze), interior.EYE_DEPTH_M),
+            (interior.bag_places(flat), interior.BAG_DEPTH_M),
+            (lower[:, :2], interior.TEETH_DEPTH_M + lower[:, 2]),
+            (upper[:, :2], interior.TEETH_DEPTH_M + upper[:, 2]),
+            (flat, 0.0),
+            (tongue, 0.0),
         )
 
     def alive(
@@ -216,12 +215,22 @@ class Face:
         gaze = life.gaze_at(time_s) if life.gaze else None
         return self.positions(expression, mouth, life.lids(time_s), breathing, gaze)
 
-    def _look(self, gaze: Array) -> Positions:
-        return self._on_mask(interior.eye_places(self._straight, gaze), interior.EYE_DEPTH_M)
+    def _eyes_looking(self, gaze: ArrayLike | None) -> Array:
+        if gaze is None:
+            return self._straight
+        return interior.eye_places(self._straight, check_gaze(gaze))
 
-    def _on_mask(self, flat: Array, depth: float | Array) -> Positions:
-        z = self.mask.height(flat[:, 0], flat[:, 1]) - depth
-        return np.column_stack([flat, z]).astype(np.float32)
+    def _on_mask(self, *layers: tuple[Array, float | Array]) -> tuple[Positions, ...]:
+        """Places (V, 2) and depths behind the relief of each layer -> (V, 3); one look-up for all,
+        for it costs as much for a few points as for many.
+        """
+        flat = np.concatenate([places for places, _ in layers])
+        found = np.column_stack([flat, self.mask.height(flat[:, 0], flat[:, 1])])
+        ends = np.cumsum([len(places) for places, _ in layers])[:-1]
+        whole = np.split(found, ends)
+        for places, (_, depth) in zip(whole, layers, strict=True):
+            places[:, 2] -= depth
+        return tuple(places.astype(np.float32) for places in whole)
 
 
 def _tongue(rig: Rig, weights: Array) -> tuple[float, float]:
