@@ -171,6 +171,7 @@ class Face:
         self.rig = load_rig()
         mesh = self.rig.mesh
         eyes, self._straight = interior.eye_layer(character.eyes)
+        self._eye_shares = interior.eye_shares(self._straight)
         skin = MeshLayer("skin", mesh.triangles, mesh.uv, interior.rgba(character.texture))
         behind = (eyes, interior.bag_layer(), *interior.teeth_layers())
         self.actor = Actor((*behind, skin, interior.tongue_layer()))
@@ -218,7 +219,7 @@ class Face:
     def _eyes_looking(self, gaze: ArrayLike | None) -> Array:
         if gaze is None:
             return self._straight
-        return interior.eye_places(self._straight, check_gaze(gaze))
+        return interior.eye_places(self._straight, self._eye_shares, check_gaze(gaze))
 
     def _on_mask(self, *layers: tuple[Array, float | Array]) -> tuple[Positions, ...]:
         """Places (V, 2) and depths behind the relief of each layer -> (V, 3); one look-up for all,

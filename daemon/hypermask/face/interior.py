@@ -53,19 +53,22 @@ def eye_layer(eyes: Image) -> tuple[MeshLayer, Array]:
     return MeshLayer("eyes", np.concatenate(triangles), uv, rgba(eyes)), np.concatenate(places)
 
 
-def eye_places(straight: Array, gaze: Array) -> Array:
-    """(V, 2) metres: the eyeballs' places with the irises turned by gaze (2,), radians.
+def eye_shares(straight: Array) -> Array:
+    """(V, 1) how much of the gaze's shift each point of the eyeballs takes.
 
     The iris goes along as a whole; towards the lids' corners the white stays where it is.
     """
     half, firm = np.array(HALF_MM), np.array(_FIRM_MM)
+    centres = np.repeat(CENTRES_MM, len(straight) // 2, axis=0)
+    offset = np.abs(straight * 1000 - centres)
+    shares = np.clip((half - offset) / (half - firm), 0, 1).prod(axis=1)
+    return np.asarray(shares[:, None])
+
+
+def eye_places(straight: Array, shares: Array, gaze: Array) -> Array:
+    """(V, 2) metres: the eyeballs' places with the irises turned by gaze (2,), radians."""
     shift = _EYEBALL_M * np.sin(np.clip(gaze, -_MOST_GAZE, _MOST_GAZE))
-    moved = straight.copy()
-    for eye, centre in zip(np.split(np.arange(len(straight)), 2), CENTRES_MM, strict=True):
-        offset = np.abs(straight[eye] * 1000 - centre)
-        share = np.clip((half - offset) / (half - firm), 0, 1).prod(axis=1)
-        moved[eye] += share[:, None] * shift
-    return moved
+    return np.asarray(straight + shares * shift)
 
 
 def tongue_layer() -> MeshLayer:
