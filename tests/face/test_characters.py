@@ -8,6 +8,7 @@ import pytest
 from hypermask import paths
 from hypermask.errors import ConfigError, DataError, HypermaskError
 from hypermask.face import character as characters
+from hypermask.face.action_units import NUMBERS
 from hypermask.face.character import (
     Character,
     find_character,
@@ -15,9 +16,10 @@ from hypermask.face.character import (
     load_character,
     save_character,
 )
+from hypermask.face.emotions import EMOTIONS
 from hypermask.face.face import Face
 from hypermask.face.mouth import MOUTH_SHAPES
-from hypermask.face.sheet import front_view
+from hypermask.face.sheet import POSES, front_view, sheet, turned_view, unit_poses
 from hypermask.mask import load_mask
 
 MASK = load_mask(Path(__file__).parents[2] / "configs" / "masks" / "reference")
@@ -118,7 +120,10 @@ def test_every_layer_gets_its_vertices_each_frame() -> None:
 
 def test_the_skin_stays_on_the_relief_and_the_rest_behind_it() -> None:
     face = Face(load_character(find_character("mean")), MASK)
-    *inner, skin = face.positions({"surprise": 1.0}, MOUTH_SHAPES["a"])
+    positions = face.positions({"surprise": 1.0}, MOUTH_SHAPES["a"])
+    names = [layer.name for layer in face.actor.layers]
+    skin = positions[names.index("skin")]
+    inner = positions[: names.index("skin")]
     np.testing.assert_allclose(skin[:, 2], MASK.height(skin[:, 0], skin[:, 1]), atol=1e-6)
     for places in inner:
         depth = MASK.height(places[:, 0], places[:, 1]) - places[:, 2]
@@ -147,3 +152,27 @@ def test_the_lids_hide_the_eyeballs() -> None:
         return float(picture[middle - 2 : middle + 3, 101 - 33 : 101 - 28].mean())
 
     assert darkness(1.0) > darkness(0.0) + 25
+
+
+def test_the_sheet_shows_every_emotion_mouth_unit_and_turn() -> None:
+    poses = (*POSES, *unit_poses())
+    assert {name for pose in poses for name in pose.expression} == set(EMOTIONS)
+    assert {pose.mouth for pose in poses} == set(MOUTH_SHAPES)
+    assert {str(n) for n in NUMBERS} <= {name for pose in poses for name in pose.units}
+    assert {pose.turn[0] for pose in poses} >= {-30.0, 30.0}
+    character = load_character(find_character("mean"))
+    picture = sheet(character, MASK, columns=2, pixels_per_mm=0.5, poses=poses[:3])
+    assert picture.shape[1] % 2 == 0 and (picture[-30:, picture.shape[1] // 2 + 5 :] == 0).all()
+
+
+def test_a_turned_mask_looks_narrower_and_shows_the_turned_face() -> None:
+    face = Face(load_character(find_character("mean")), MASK)
+    ahead = front_view(face, face.positions(), 0.8)
+    same = turned_view(face, face.positions(), 0.8, (0.0, 0.0))
+    assert np.abs(ahead.astype(int) - same).mean() < 1.0
+
+    def width(yaw: float) -> int:
+        lit = turned_view(face, face.positions(), 0.8, (yaw, 0.0)).max(axis=2) > 20
+        return int(lit.any(axis=0).sum())
+
+    assert width(0) > width(20) > width(40)

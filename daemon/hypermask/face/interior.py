@@ -16,7 +16,11 @@ Indices = NDArray[np.int32]
 
 EYE_DEPTH_M, TEETH_DEPTH_M, BAG_DEPTH_M = 0.0035, 0.0035, 0.008
 """Behind the skin: enough to be hidden by it, little enough not to shift when seen from aside."""
-_EYE_GRID = (7, 5)
+_EYEBALL_M, _MOST_GAZE, _FIRM_MM = 0.0125, np.array([0.40, 0.33]), (8.0, 5.0)
+"""An eyeball's radius, how far it turns aside and up, and what of it turns as a whole."""
+_TONGUE_GRID = (7, 7)
+_TONGUE_WIDTH, _TONGUE_M, _TONGUE_GAP_M = 0.46, 0.009, 0.005
+_EYE_GRID = (17, 13)
 _TEETH_COLUMNS = 17
 _TEETH_HALF_WIDTH = 0.80
 _UPPER_SHARE, _LOWER_SHARE = 0.50, 0.24
@@ -35,7 +39,7 @@ def grid_triangles(columns: int, rows: int) -> Indices:
 
 
 def eye_layer(eyes: Image) -> tuple[MeshLayer, Array]:
-    """The layer of both eyeballs and its places (V, 2) in metres; they do not move."""
+    """The layer of both eyeballs and its places (V, 2) in metres, looking straight ahead."""
     columns, rows = _EYE_GRID
     u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     places, uvs, triangles = [], [], []
@@ -47,6 +51,62 @@ def eye_layer(eyes: Image) -> tuple[MeshLayer, Array]:
         triangles.append(grid_triangles(columns, rows) + side * columns * rows)
     uv = np.concatenate(uvs).astype(np.float32)
     return MeshLayer("eyes", np.concatenate(triangles), uv, rgba(eyes)), np.concatenate(places)
+
+
+def eye_shares(straight: Array) -> Array:
+    """(V, 1) how much of the gaze's shift each point of the eyeballs takes.
+
+    The iris goes along as a whole; towards the lids' corners the white stays where it is.
+    """
+    half, firm = np.array(HALF_MM), np.array(_FIRM_MM)
+    centres = np.repeat(CENTRES_MM, len(straight) // 2, axis=0)
+    offset = np.abs(straight * 1000 - centres)
+    shares = np.clip((half - offset) / (half - firm), 0, 1).prod(axis=1)
+    return np.asarray(shares[:, None])
+
+
+def eye_places(straight: Array, shares: Array, gaze: Array) -> Array:
+    """(V, 2) metres: the eyeballs' places with the irises turned by gaze (2,), radians."""
+    shift = _EYEBALL_M * np.sin(np.clip(gaze, -_MOST_GAZE, _MOST_GAZE))
+    return np.asarray(straight + shares * shift)
+
+
+def tongue_layer() -> MeshLayer:
+    """A tongue that lies over the lower lip when it is shown; drawn over the skin."""
+    columns, rows = _TONGUE_GRID
+    u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
+    uv = np.stack([u.ravel(), v.ravel()], 1).astype(np.float32)
+    return MeshLayer("tongue", grid_triangles(columns, rows), uv, _tongue_texture())
+
+
+def tongue_places(flat: Array, half_width: float, out: float, side: float) -> Array:
+    """(V, 2) metres; out: 0 hidden (no area at all) to 1; side: -1 to 1, to the audience's right.
+
+    It comes out only between parted lips and never over the upper one.
+    """
+    columns, rows = _TONGUE_GRID
+    top, bottom = flat[points.UPPER_LIP_INNER[5]], flat[points.LOWER_LIP_INNER[5]]
+    gap = max(float(top[1] - bottom[1]), 0.0)
+    shown = out * min(gap / _TONGUE_GAP_M, 1.0)
+    length = 0.62 * gap + _TONGUE_M * shown
+    u, v = np.meshgrid(np.linspace(-1, 1, columns), np.linspace(0, 1, rows))
+    width = _TONGUE_WIDTH * half_width * min(2 * shown, 1.0)
+    x = bottom[0] + u * width + 0.3 * half_width * side * shown * (0.4 + 0.6 * v)
+    y = bottom[1] + 0.62 * gap - v * length * min(4 * shown, 1.0)
+    return np.stack([x.ravel(), y.ravel()], 1)
+
+
+def _tongue_texture(size: int = 96) -> Image:
+    """Pink, a groove in the middle, round at the tip, lost in the dark of the mouth at its root."""
+    line = (np.arange(size) + 0.5) / size
+    x, y = np.meshgrid(line * 2 - 1, line)
+    tip = np.hypot(x, np.maximum(y - 0.45, 0) / 0.55)
+    alpha = np.clip((1 - tip) / 0.06, 0, 1) * np.clip(y / 0.35, 0, 1)
+    groove = 1 - 0.16 * np.exp(-((x / 0.10) ** 2)) * np.clip(1.5 - 1.6 * y, 0, 1)
+    round_off = 1 - 0.34 * np.clip((tip - 0.55) / 0.45, 0, 1) ** 2
+    light = groove * round_off * (0.62 + 0.38 * np.clip(y / 0.5, 0, 1))
+    colour = light[..., None] * (206, 104, 106)
+    return np.clip(np.dstack([colour, alpha * 255]), 0, 255).astype(np.uint8)
 
 
 def bag_layer() -> MeshLayer:

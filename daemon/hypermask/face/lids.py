@@ -56,7 +56,7 @@ def blink(time_s: float) -> float:
     Each period of 3.7 s holds one blink at a place of its own; it shuts faster than it opens.
     """
     number = int(np.floor(time_s / _BLINK_PERIOD_S))
-    start = number * _BLINK_PERIOD_S + _spread(number) * (_BLINK_PERIOD_S - 2 * _BLINK_S)
+    start = number * _BLINK_PERIOD_S + spread(number) * (_BLINK_PERIOD_S - 2 * _BLINK_S)
     phase = (time_s - start) / _BLINK_S
     if not 0 < phase < 1:
         return 0.0
@@ -65,6 +65,6 @@ def blink(time_s: float) -> float:
     return float(level * level * (3 - 2 * level))
 
 
-def _spread(number: int) -> float:
+def spread(number: int) -> float:
     """A number in 0 to 1 that looks random and is always the same (golden-ratio sequence)."""
     return (number * 0.6180339887498949 + 0.37) % 1.0

@@ -79,7 +79,7 @@ _LEAST_THICKNESS = 0.35
 _PROFILE = 1.0
 ROW_SHARES = (0.4, 0.75)
 """Where the two rows inside a lip lie between its outer and its inner outline."""
-_ROUND_JAW = (0.15, 0.42, 0.66, 0.84, 0.94, 0.98, 1.0, 1.0, 1.0, 0.98, 0.94, 0.84, 0.66, 0.42, 0.15)
+ROUND_JAW = (0.15, 0.42, 0.66, 0.84, 0.94, 0.98, 1.0, 1.0, 1.0, 0.98, 0.94, 0.84, 0.66, 0.42, 0.15)
 
 
 def half_width(mesh: Mesh) -> float:
@@ -146,7 +146,7 @@ def _given(mesh: Mesh, moved: list[int]) -> Array:
         given[10, rows, 0] = s
         given[11, rows, 2] = corner
     given[12] += _wide_opening(mesh, moved)
-    for vertex, share in zip(points.JAW, _ROUND_JAW, strict=True):
+    for vertex, share in zip(points.JAW, ROUND_JAW, strict=True):
         given[8, place[vertex], 1] = share
     return given
 
@@ -217,13 +217,6 @@ def part_lips(lips: Lips, flat: Array) -> None:
     flat[:, 1] += lips.carrier @ np.concatenate([lift, way * missing])
 
 
-def combine(mouth: Array, added: Array) -> Array:
-    """The spoken mouth (13,) with an emotion's own (13,) added.
-
-    The further speech has opened the mouth, the less an emotion opens it in addition.
-    """
-    spoken = np.clip(-mouth[_OPENING] / 0.8, 0, 1)
-    kept = np.ones(13)
-    kept[_OPENING] = 1 - 0.85 * spoken
-    kept[12] = 1 - 0.8 * np.clip(mouth[12] / 0.4, 0, 1)
-    return np.asarray(mouth + kept * added)
+def spoken(mouth: Array) -> float:
+    """0 to 1: how far speech has opened the mouth (13,), so that what else opens it gives way."""
+    return min(1.0, max(0.0, -float(min(mouth[k] for k in _OPENING)) / 0.8))
