@@ -70,8 +70,8 @@ class CameraSettings(Settings):
     whether the sensor's phase can be moved by longer or shorter blankings.
     """
 
-    width: int = Field(1280, ge=160, le=8192)
-    height: int = Field(800, ge=120, le=8192)
+    width: int = Field(1280, ge=16, le=8192)
+    height: int = Field(800, ge=16, le=8192)
     rate_hz: float = Field(120.0, ge=1, le=2000)
     focal_px: float = Field(900.0, ge=10, le=50000)
     centre_px: tuple[float, float] | None = None
@@ -94,8 +94,8 @@ class ProjectorSettings(Settings):
     readback_every: in real time only every n-th picture is read back for the judge.
     """
 
-    width: int = Field(1280, ge=160, le=8192)
-    height: int = Field(720, ge=120, le=8192)
+    width: int = Field(1280, ge=16, le=8192)
+    height: int = Field(720, ge=16, le=8192)
     rate_hz: float = Field(60.0, ge=1, le=2000)
     focal_px: float = Field(1920.0, ge=10, le=50000)
     centre_px: tuple[float, float] | None = None

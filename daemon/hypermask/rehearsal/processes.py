@@ -113,10 +113,6 @@ class Crew:
         self.kill()
         return results
 
-    def lost(self) -> list[str]:
-        """The kinds of workers that are dead now."""
-        return [order.kind for order, process in self._pairs() if not process.is_alive()]
-
     def _pairs(self) -> list[tuple[Order, SpawnProcess]]:
         return list(zip(self._orders, self._processes, strict=True))
 

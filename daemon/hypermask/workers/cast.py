@@ -12,7 +12,6 @@ from hypermask import paths
 from hypermask.errors import DataError
 from hypermask.face.character import find_character, load_character
 from hypermask.face.face import Face
-from hypermask.face.lids import blink
 from hypermask.geometry import Array
 from hypermask.mask import Mask
 from hypermask.stage.layers import Actor, Positions, dots_actor
@@ -59,7 +58,7 @@ class FacePlayer:
         return self._face.actor
 
     def positions(self, expression: Array, mouth: Array, time_s: float) -> tuple[Positions, ...]:
-        return self._face.positions(expression, mouth, blink(time_s))
+        return self._face.alive(time_s, expression, mouth)
 
 
 class Cast:
