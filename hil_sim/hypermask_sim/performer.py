@@ -110,7 +110,6 @@ def load_clip(path: Path) -> Clip:
     except (OSError, UnicodeDecodeError) as error:
         raise _bad(path, 1, f"cannot be read as text ({error})") from None
     lines = text.splitlines()
-    _check_end(path, text, lines)
     if not lines or tuple(part.strip() for part in lines[0].split(",")) != COLUMNS:
         raise _bad(path, 1, f"the header is not {','.join(COLUMNS)}")
     numbers = [number for number, line in enumerate(lines[1:], 2) if line.strip()]
@@ -118,6 +117,7 @@ def load_clip(path: Path) -> Clip:
     if len(rows) < 2:
         raise _bad(path, len(lines), "a clip needs at least two samples")
     _check_steps(path, rows, numbers)
+    _check_end(path, text, lines)
     return _clip(rows)
 
 

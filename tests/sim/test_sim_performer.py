@@ -175,3 +175,10 @@ def test_speed_makes_a_built_in_path_faster() -> None:
     slow = find_motion(("sway",), 1.0, RAY, 1.8)
     fast = find_motion(("sway",), 2.0, RAY, 1.8)
     assert fast.at(np.array([0.3]))[1] == pytest.approx(slow.at(np.array([0.6]))[1])
+
+
+def test_a_clip_cut_in_the_middle_of_its_last_number_is_refused(tmp_path: Path) -> None:
+    whole = clip_text().rstrip("\n")
+    load_clip(written(tmp_path, whole))
+    with pytest.raises(HypermaskError, match=r"MOTION-FORMAT: .*in the middle of a number"):
+        load_clip(written(tmp_path, whole[:-2]))
