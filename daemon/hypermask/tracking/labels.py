@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import permutations
 
 import numpy as np
@@ -202,8 +203,7 @@ def weak_perspective(corners: Array, leds: Array, camera: Pinhole) -> tuple[Arra
     """
     focal = camera.matrix[[0, 1], [0, 1]]
     rays = (corners - camera.matrix[:2, 2]) / focal
-    flat = leds[:4, :2] - leds[:4, :2].mean(axis=0)
-    fit = np.linalg.solve(flat.T @ flat, flat.T)  # (2, 4): a parallelogram's derivative by x, y
+    fit = _parallelogram_fit(leds[:4, :2].tobytes())
     middle = rays.sum(axis=1) * 0.25  # numpy's mean takes three times as long
     to_axis, stretch = _turn_to_axis(middle)
     derivative = (fit @ rays).swapaxes(-1, -2)
@@ -223,6 +223,15 @@ def weak_perspective(corners: Array, leds: Array, camera: Pinhole) -> tuple[Arra
     centre = ray / (stretch * scale)[:, None]
     offset = leds[:4].mean(axis=0)
     return rotation, np.concatenate([centre, centre]) - rotation @ offset
+
+
+@lru_cache(maxsize=8)
+def _parallelogram_fit(corners: bytes) -> Array:
+    """(2, 4): a parallelogram's derivative by x and y from its corners (4, 2); always the same
+    for a mask."""
+    flat = np.frombuffer(corners).reshape(4, 2)
+    flat = flat - flat.mean(axis=0)
+    return np.asarray(np.linalg.solve(flat.T @ flat, flat.T), float)
 
 
 def _turn_to_axis(middle: Array) -> tuple[Array, Array]:

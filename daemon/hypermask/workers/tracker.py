@@ -60,8 +60,8 @@ class TrackerWorker:
             return False
         began = time.perf_counter()
         result = self._tracker.process(frame.image, frame.time_s, frame.sequence)
-        self._publish(frame, result)
         self.compute_s.append(time.perf_counter() - began)
+        self._publish(frame, result)
         self.latency_s.append(self._clock.now() - frame.time_s)
         self._align()
         if self._observer is not None:
