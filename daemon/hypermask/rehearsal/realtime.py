@@ -76,7 +76,7 @@ class RealTimeStage:
 
     def play(self, end_s: float, on_flip: Any) -> None:
         """Flip after flip until clock time `end_s`."""
-        projector, lockstep, clock = self._cart.projector, self._lockstep, self._clock
+        lockstep, clock = self._lockstep, self._clock
         index = 0
         while clock.now() < end_s:
             flip_s = lockstep.projector.use(lambda device: device.next_flip_s())
@@ -88,7 +88,10 @@ class RealTimeStage:
             clock.sleep_until(latch_s)
             lockstep.stage.announce(flip_s, flip_s - latch_s)
             picture = lockstep.stage.latch(clock.now(), flip_s + lockstep.light_delay_s)
-            lockstep.stage.draw(projector.framebuffer, picture)
+            framebuffer = lockstep.projector.use(lambda device: device.framebuffer)
+            if framebuffer is None:
+                continue
+            lockstep.stage.draw(framebuffer, picture)
             self.pacer.drawn(latch_s, clock.now())
             shown_s = lockstep.projector.use(lambda device: device.present())
             if shown_s is None:
@@ -96,7 +99,9 @@ class RealTimeStage:
             self.flips += 1
             self.pacer.flipped(flip_s, shown_s)
             late_s = shown_s - flip_s
-            self._keep(index, shown_s, _moved(picture, late_s), projector.next_flip_s())
+            next_s = lockstep.projector.use(lambda device: device.next_flip_s())
+            if next_s is not None:
+                self._keep(index, shown_s, _moved(picture, late_s), next_s)
             on_flip(shown_s)
             index += 1
 
@@ -113,12 +118,15 @@ class RealTimeStage:
             if kind is not None:
                 self._cost_s[kind] *= 0.99  # so that it is tried again some time
             return
+        framebuffer = self._lockstep.projector.use(lambda device: device.framebuffer)
+        if framebuffer is None:
+            return
         began_s = self._clock.now()
         shown = probe = None
         if self._lockstep.test_only:
-            shown = probe = self._read(self._cart.projector.framebuffer, picture)
+            shown = probe = self._read(framebuffer, picture)
         elif kind == "film":
-            shown = self._read(self._cart.projector.framebuffer, picture)
+            shown = self._read(framebuffer, picture)
         else:
             probe = self._read(self._lockstep.draw_probe(picture), picture)
         self.kept.append(
