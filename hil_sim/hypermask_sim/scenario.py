@@ -44,6 +44,8 @@ class PerformerSettings(Settings):
     through the centre of the projector's picture. attitude_deg turns the mask before the motion.
     voice_pause_s: with it the recording is heard again and again, this much silence between.
     speed: built-in paths only, 2 is twice as fast. keys: [[time in s, key name], ...].
+    photos: [[time in s, picture file, name], ...]: a visitor hands in a photograph, of which a
+    character of that name is made and joins the show.
     """
 
     motion: Choices = ("still",)
@@ -55,6 +57,7 @@ class PerformerSettings(Settings):
     position_m: Position | None = None
     attitude_deg: Attitude = Attitude()
     keys: tuple[tuple[Seconds, str], ...] = ()
+    photos: tuple[tuple[Seconds, str, str], ...] = ()
 
     @model_validator(mode="after")
     def _known_keys(self) -> PerformerSettings:
@@ -167,12 +170,14 @@ class PowerSettings(Settings):
 class LatencySettings(Settings):
     """What the program's own steps take in lock-step runs, where no real time passes.
 
-    voice_ms: from a sound block's last sample until it can be read.
+    voice_ms: from a sound block's last sample until it can be read. character_ms: from a
+    photograph until the character made of it can be sent to the projector's GPU.
     """
 
     tracking_ms: Milliseconds = 1.0
     latch_ms: Milliseconds = 3.0
     voice_ms: Milliseconds = 4.0
+    character_ms: Milliseconds = 300.0
 
 
 class VoiceSettings(Settings):
@@ -302,8 +307,17 @@ def _anchored(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         found = {
             key: _anchor(performer[key], folder) for key in ("motion", "voice") if key in performer
         }
+        photos = performer.get("photos")
+        if isinstance(photos, list):
+            found["photos"] = [_anchored_photo(photo, folder) for photo in photos]
         result["performer"] = {**performer, **found}
     return result
+
+
+def _anchored_photo(photo: Any, folder: Path) -> Any:
+    if not isinstance(photo, list) or len(photo) != 3:
+        return photo
+    return [photo[0], _anchor(photo[1], folder), photo[2]]
 
 
 def _anchor(value: Any, folder: Path) -> Any:

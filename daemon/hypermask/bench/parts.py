@@ -16,6 +16,7 @@ from rich.progress import Progress
 from hypermask import paths
 from hypermask.bench.runs import clips, scenario
 from hypermask.bench.table import Table
+from hypermask.face.emotions import EMOTIONS, emotion_units
 from hypermask.face.mouth import MOUTH_SHAPES
 from hypermask.geometry import Pose
 from hypermask.mask import Mask, load_mask
@@ -82,12 +83,13 @@ def _character(create_context: Callable[[], moderngl.Context], mask: Mask) -> di
         )
     world = World(scenario("reference-cart", "performer.motion=dance"))
     projector, times = true_procam(world), []
+    happiness = emotion_units()[EMOTIONS.index("happiness")]
     for frame in range(330):
         pose = Pose(*world.camera_from_mask(frame / 60))
         mouth = MOUTH_SHAPES["a"] * abs(np.sin(frame / 7))
         began = time.perf_counter()
-        item = cast.item("mean", 1.0, np.eye(6)[1], mouth, frame / 60)
-        renderer.draw(framebuffer, projector.projector_from_mask(pose), [item], 1.0)
+        items = cast.items([("mean", 1.0)], happiness, mouth, frame / 60)
+        renderer.draw(framebuffer, projector.projector_from_mask(pose), items, 1.0)
         with context:
             context.finish()
         times.append((time.perf_counter() - began) * 1e3)

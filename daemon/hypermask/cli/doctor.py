@@ -55,9 +55,13 @@ def _characters() -> str:
 
 def _show() -> str:
     from hypermask import paths
+    from hypermask.show.expressions import expressions_of
     from hypermask.show.showfile import load_show
 
-    return load_show(paths.configs() / "shows" / "default.toml").name
+    path = paths.configs() / "shows" / "default.toml"
+    show = load_show(path)
+    expressions_of(show, str(path))
+    return show.name
 
 
 def _calibration() -> str:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import moderngl
@@ -12,12 +15,14 @@ from numpy.typing import NDArray
 
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.planar import Planar
+from hypermask.face.action_units import COUNT
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import Casting
+from hypermask.rehearsal.visitors import SHELF, Visitors
 from hypermask.show.engine import ShowEngine
 from hypermask.show.scene import describe
-from hypermask.stage.renderer import DrawItem, StageRenderer
+from hypermask.stage.renderer import StageRenderer
 from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.motion_model import MotionParameters
@@ -26,11 +31,13 @@ from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.alignment import AlignmentSettings, PhaseAligner
 from hypermask.workers.board import Board
 from hypermask.workers.cast import DOTS, Cast
+from hypermask.workers.dresser import Dresser
 from hypermask.workers.retry import Kept
 from hypermask.workers.show import ShowWorker
 from hypermask.workers.stage import Picture, StageWorker, TrackReader, mapping_for
 from hypermask.workers.tracker import TrackerWorker
 from hypermask.workers.voice import VoiceWorker
+from hypermask.workers.wings import Wings
 from hypermask_drivers.camera import Frame
 
 PROJECTOR_WAIT_S = 20.0
@@ -68,7 +75,8 @@ class LockStep:
         """models: of the performer's motion, instead of those that came with the program."""
         self.cart = cart
         self._models = models
-        self.board = board or Board.local()
+        self._folder = tempfile.TemporaryDirectory(prefix="hypermask-") if board is None else None
+        self.board = board or Board.local(Path(self._folder.name) if self._folder else None)
         world, clock, journal, scenario = cart.world, cart.clock, cart.journal, cart.scenario
         self._latency = scenario.latency
         self.observer = TrackingObserver(world)
@@ -90,6 +98,8 @@ class LockStep:
         )
         engine = ShowEngine(casting.show, clock.now())
         self.show = ShowWorker(cart.keypad, engine, self.board, clock, journal)
+        # In real time the dresser is another process.
+        self._guests = _guests(cart, self.board) if board is None else None
         self.projector = Kept(cart.projector, "projector", clock, journal)
         self._await_projector()
         self._build_stage(casting, calibration)
@@ -109,6 +119,7 @@ class LockStep:
         period_s = 1 / self._mode.rate_hz
         self.stage = StageWorker(renderer, cast, mapping, reader, self.board, period_s, settings)
         self._renderer, self._cast = renderer, cast
+        self.wings = Wings(cast, self.board, self.cart.journal)
         with projector.context:
             self._probe_buffer = projector.context.framebuffer(
                 [projector.context.texture(size, 4)], projector.context.depth_renderbuffer(size)
@@ -145,14 +156,16 @@ class LockStep:
         """Free what was loaded, and the projector with its context."""
         self._renderer.release()
         self.cart.projector.close()
+        if self._folder is not None:
+            self._folder.cleanup()
 
     def warm_up(self) -> None:
         """Draw every character once, so that shaders are compiled and textures are in place before
         the first flip that counts."""
         width, height = self._mode.width, self._mode.height
         matrix = np.array([[900.0, 0, 0, width / 2], [0, -900.0, 0, height / 2], [0, 0, 0, 1.0]])
-        nothing = np.zeros(6), np.zeros(13)
-        items = [self._cast.item(name, 1.0, *nothing, 0.0) for name in self._cast.names]
+        everybody = [(name, 1.0) for name in self._cast.names]
+        items = self._cast.items(everybody, np.zeros(COUNT), np.zeros(13), 0.0)
         for shown in [*([item] for item in items), items[:2], items]:
             picture = Picture(0.0, matrix, tuple(shown), 0.5, None)
             for framebuffer in (self.cart.projector.framebuffer, self._probe_buffer):
@@ -207,17 +220,31 @@ class LockStep:
         clock.sleep_until(latch_s)
         while self.voice.step():
             pass
+        if self._guests is not None:
+            visitors, dresser = self._guests
+            visitors.step(clock.now())
+            dresser.step()
+            self.wings.work(clock.now(), math.inf)
         while self.show.step():
             pass
 
     def draw_probe(self, picture: Picture) -> moderngl.Framebuffer:
         """The same frame with dots, drawn by the same renderer with the same numbers."""
-        items: tuple[DrawItem, ...] = ()
-        if picture.items:
-            nothing = np.zeros(6), np.zeros(13)
-            items = (self._cast.item(DOTS, 1.0, *nothing, picture.light_s),)
+        items = (self._cast.dots(),) if picture.items else ()
         self.stage.draw(self._probe_buffer, replace(picture, items=items), counted=False)
         return self._probe_buffer
+
+
+def _guests(cart: SimulatedCart, board: Board) -> tuple[Visitors, Dresser] | None:
+    """Who makes characters during the show, when the scenario has visitors."""
+    scenario, folder = cart.scenario, board.folder
+    if not scenario.performer.photos or folder is None:
+        return None
+    charge_s = scenario.latency.character_ms * 1e-3
+    dresser = Dresser(
+        board, folder / SHELF, cart.world.mask, cart.clock, cart.journal, charge_s=charge_s
+    )
+    return Visitors(scenario, dresser.orders, cart.world.origin_s), dresser
 
 
 def read_back(framebuffer: moderngl.Framebuffer) -> Image:

@@ -20,11 +20,13 @@ from hypermask.errors import HypermaskError
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import casting_of
+from hypermask.rehearsal.visitors import SHELF, Visitors
 from hypermask.show.engine import ShowEngine
 from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.tracker import Tracker, TrackerSettings
 from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.board import Board
+from hypermask.workers.dresser import Dresser
 from hypermask.workers.realtime import be_realtime, die_with_parent, freeze_garbage
 from hypermask.workers.show import ShowWorker
 from hypermask.workers.tracker import TrackerWorker
@@ -38,6 +40,13 @@ IDLE_S = 0.002
 START_TIMEOUT_S = 60.0
 POLL_S = 0.2
 PRIORITIES = {"tracker": 50, "voice": 30, "show": 10}
+DRESSER, DRESSER_NICE = "dresser", 10
+"""Makes characters during the show: heavy, and in nobody's way."""
+
+
+def crew_of(scenario: Scenario) -> tuple[str, ...]:
+    """The processes beside the stage; the dresser comes when there are photographs."""
+    return (*PRIORITIES, DRESSER) if scenario.performer.photos else tuple(PRIORITIES)
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,7 @@ class Crew:
         self._origin = context.Value("d", float("nan"))
         self._results = context.Queue()
         self._stop = context.Event()
-        for kind in PRIORITIES:
+        for kind in crew_of(self.scenario):
             order = Order(
                 kind, self.scenario, self.board, self._origin, context.Event(), self._stop,
                 self._results,
@@ -132,10 +141,10 @@ def run_worker(order: Order) -> None:
     clock = RealClock()
     world = World(order.scenario)
     cart = SimulatedCart(world, clock)
-    build = {"tracker": _tracker, "voice": _voice, "show": _show}[order.kind]
+    build = {"tracker": _tracker, "voice": _voice, "show": _show, DRESSER: _dresser}[order.kind]
     prepare, step, result = build(cart, Board.shared(order.board))
     freeze_garbage()
-    granted = be_realtime(PRIORITIES[order.kind])
+    granted = _granted(order.kind)
     order.ready.set()
     while order.origin.value != order.origin.value and not order.stop.is_set():
         clock.sleep_until(clock.now() + 0.005)
@@ -194,6 +203,29 @@ def _show(cart: SimulatedCart, board: Board) -> Parts:
         worker.append(ShowWorker(cart.keypad, engine, board, cart.clock, cart.journal))
 
     return prepare, lambda timeout_s: worker[0].step(timeout_s), dict
+
+
+def _dresser(cart: SimulatedCart, board: Board) -> Parts:
+    assert board.folder is not None
+    dresser = Dresser(board, board.folder / SHELF, cart.world.mask, cart.clock, cart.journal)
+    dresser.prepare()
+    visitors: list[Visitors] = []
+
+    def prepare() -> None:
+        visitors.append(Visitors(cart.scenario, dresser.orders, cart.world.origin_s))
+
+    def step(timeout_s: float) -> bool:
+        visitors[0].step(cart.clock.now())
+        return dresser.step()
+
+    return prepare, step, lambda: {"compute_s": list(dresser.compute_s)}
+
+
+def _granted(kind: str) -> list[str]:
+    """Real time for those who must not be late; the dresser gives way."""
+    if kind in PRIORITIES:
+        return be_realtime(PRIORITIES[kind])
+    return [f"nice {os.nice(DRESSER_NICE)}"]
 
 
 def _nothing() -> None:

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from hypermask.geometry import homogeneous_apply
 from hypermask.rehearsal import report as figures
 from hypermask.rehearsal.lockstep import Flip, LockStep
-from hypermask.rehearsal.processes import PRIORITIES, Crew
+from hypermask.rehearsal.processes import Crew, crew_of
 from hypermask.rehearsal.run import Rehearsal, progress_bar
+from hypermask.rehearsal.visitors import keep_characters
 from hypermask.stage.pacing import Pacer
 from hypermask.workers.board import Board
 from hypermask.workers.realtime import be_realtime, freeze_garbage
@@ -63,6 +64,7 @@ class RealTimeStage:
 
     def __init__(self, rehearsal: Rehearsal) -> None:
         self._lockstep: LockStep = rehearsal.lockstep
+        self.arrivals = rehearsal.arrivals
         self._cart = self._lockstep.cart
         self._clock = self._cart.clock
         self._film_every = max(1, round(FILM_EVERY * self._cart.scenario.projector.rate_hz / 60))
@@ -70,6 +72,7 @@ class RealTimeStage:
         self.flips = 0
         self.leads_s: list[float] = []
         self.mouth_lags_s: list[float] = []
+        self.missed_s: list[float] = []
         self.granted: list[str] = []
         self._cost_s = {"film": 0.002, "judge": 0.006}
         self.pacer = Pacer(1 / self._cart.scenario.projector.rate_hz)
@@ -97,11 +100,15 @@ class RealTimeStage:
             if shown_s is None:
                 continue
             self.flips += 1
-            self.pacer.flipped(flip_s, shown_s)
+            if self.pacer.flipped(flip_s, shown_s):
+                self.missed_s.append(flip_s)
             late_s = shown_s - flip_s
             next_s = lockstep.projector.use(lambda device: device.next_flip_s())
             if next_s is not None:
+                self.arrivals.look(picture.items, picture.light_s + late_s)
                 self._keep(index, shown_s, _moved(picture, late_s), next_s)
+                spare_s = next_s - self.pacer.budget_s - clock.now()
+                lockstep.wings.work(clock.now(), spare_s)
             on_flip(shown_s)
             index += 1
 
@@ -180,6 +187,7 @@ def play_realtime(scenario: Scenario, out: Path, pictures: bool, quiet: bool) ->
             crew.start()
             stage = RealTimeStage(rehearsal)
             told = _play(crew, rehearsal, stage, quiet)
+            keep_characters(board, out)
         finally:
             crew.kill()
     taker = rehearsal.pictures(out) if pictures else None
@@ -248,7 +256,7 @@ def _moved(picture: Picture, late_s: float) -> Picture:
 def _report(
     rehearsal: Rehearsal, stage: RealTimeStage, told: dict[str, dict[str, Any]]
 ) -> dict[str, Any]:
-    for kind in PRIORITIES:
+    for kind in crew_of(rehearsal.scenario):
         if kind not in told:
             rehearsal.journal(
                 rehearsal.world.origin_s,
@@ -257,6 +265,7 @@ def _report(
             )
     tracker = {"tracking": None, "compute_s": [], "latency_s": []} | told.get("tracker", {})
     voice = {"history": [], "compute_s": []} | told.get("voice", {})
+    dresser = {"compute_s": []} | told.get("dresser", {})
     for worker in told.values():
         for event in worker["events"]:
             rehearsal.journal(event.time_s, event.code, event.text)
@@ -268,12 +277,16 @@ def _report(
         "mode": "realtime",
         "frames": stage.flips,
         "missed_flips": missed,
+        "missed_flips_at_s": [
+            round(time_s - rehearsal.world.origin_s, 3) for time_s in stage.missed_s
+        ],
         "flips_on_time": round(stage.flips / max(stage.flips + missed, 1), 6),
         "compute_ms": {
             "clock": "real",
             "tracking": figures.spread(tracker["compute_s"], 1e3),
             "stage": figures.spread(rehearsal.lockstep.stage.compute_s, 1e3),
             "voice": figures.spread(voice["compute_s"], 1e3),
+            "dresser": figures.spread(dresser["compute_s"], 1e3),
         },
         "exposure_to_blackboard_ms": figures.spread(tracker["latency_s"], 1e3),
         "granted": {kind: worker["granted"] for kind, worker in told.items()}

@@ -20,9 +20,11 @@ from hypermask.rehearsal.cart import SimulatedCart
 from hypermask.rehearsal.journal import Journal
 from hypermask.rehearsal.lockstep import LockStep
 from hypermask.rehearsal.show_parts import casting_of
+from hypermask.rehearsal.visitors import Arrivals, check_photos, keep_characters
 from hypermask.tracking.motion_model import MotionParameters
 from hypermask.voice.follower import MouthFrame
 from hypermask.workers.board import Board
+from hypermask.workers.cast import DOTS
 from hypermask_drivers.clock import Clock, VirtualClock
 from hypermask_sim.dots import load_dots
 from hypermask_sim.judge import FrameMeasurement, Judge
@@ -82,6 +84,7 @@ class Rehearsal:
         models: MotionParameters | None = None,
     ) -> None:
         self.casting = casting_of(scenario)
+        check_photos(scenario, tuple(self.casting.sources) != (DOTS,))
         self.world = World(scenario)
         self.scenario = scenario
         self.journal = Journal()
@@ -92,6 +95,7 @@ class Rehearsal:
         self.lockstep = LockStep(cart, self.calibration, self.casting, board, models)
         self.judge = Judge(self.world, load_dots(paths.configs() / "characters" / "dots"))
         self.measured: list[FrameMeasurement] = []
+        self.arrivals = Arrivals(scenario)
         self.leads_s: list[float] = []
         self.mouth_lags_s: list[float] = []
 
@@ -121,12 +125,14 @@ class Rehearsal:
                 self.leads_s.append(flip.picture.lead_s)
             if flip.picture.mouth_lag_s is not None and flip.picture.items:
                 self.mouth_lags_s.append(flip.picture.mouth_lag_s)
+            self.arrivals.look(flip.picture.items, flip.picture.light_s)
             if taker is not None:
                 taker.take(flip, self.lockstep.last_seen, self.lockstep.caption(flip.flip_s))
         report = self.report(self.lockstep.observer.summary(), self.lockstep.voice.history)
         if out is not None:
             figures.write_json(out / "report.json", report)
             figures.write_json(out / "timings.json", self._timings())
+            keep_characters(self.lockstep.board.folder, out)
         if taker is not None and out is not None:
             self.finish(taker, out, report)
         return report
@@ -179,6 +185,7 @@ class Rehearsal:
                 "voice": _charged(latency.voice_ms),
             },
             "missed_flips": lockstep.missed_flips,
+            "arrivals": self.arrivals.report(origin_s),
             "calibration": self._calibration(),
             "outages": figures.outages(scenario, measured),
             "mouth": figures.mouth(mouth, origin_s),

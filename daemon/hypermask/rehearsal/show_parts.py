@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hypermask import paths
 from hypermask.face.character import find_character, load_character
+from hypermask.show.expressions import expressions_of
 from hypermask.show.showfile import ShowFile, load_show
 from hypermask.workers.cast import DOTS
 from hypermask_sim.scenario import Scenario
@@ -25,7 +26,9 @@ def casting_of(scenario: Scenario) -> Casting:
     takes the first place in the show's list. Raises CFG-*, SHOW-*, CHAR-ABSENT.
     """
     default = paths.configs() / "shows" / "default.toml"
-    show = load_show(Path(scenario.show) if scenario.show else default)
+    path = Path(scenario.show) if scenario.show else default
+    show = load_show(path)
+    expressions_of(show, str(path))
     if scenario.character == DOTS:
         return Casting(_only(show, DOTS), {DOTS: DOTS})
     name = load_character(find_character(scenario.character)).name

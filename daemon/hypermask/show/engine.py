@@ -8,14 +8,16 @@ import numpy as np
 
 from hypermask.blackboard import Record
 from hypermask.errors import UsageError
+from hypermask.face.expressions import Expression
+from hypermask.show.expressions import expressions_of
 from hypermask.show.scene import (
     CHARACTERS,
     SCENE,
     brightness_at,
     characters_at,
-    expression_at,
+    show_expression,
 )
-from hypermask.show.showfile import Cue, ShowFile
+from hypermask.show.showfile import Cue, Life, ShowFile
 
 
 @dataclass(frozen=True)
@@ -27,10 +29,15 @@ class CueCalled:
 
 
 class ShowEngine:
-    """Holds the scene of a show; every change is a fade that starts from what is seen now."""
+    """Holds the scene of a show; every change is a fade that starts from what is seen now.
+
+    Raises `ConfigError` SHOW-EXPRESSION, EXPR-READ, CFG-* for a cue whose face cannot be made.
+    """
 
     def __init__(self, show: ShowFile, time_s: float) -> None:
         self._show = show
+        self._faces = expressions_of(show)
+        self._characters = list(show.characters)
         self._blackout = False
         self._wanted_brightness = show.brightness
         self._scene: Record = np.zeros((), SCENE)
@@ -38,6 +45,7 @@ class ShowEngine:
         self._scene["opacity"][0] = 1.0
         self._scene["brightness"] = show.brightness
         self._scene["brightness_fade"] = (time_s, 0.0)
+        self._live(show.life)
 
     @property
     def scene(self) -> Record:
@@ -59,23 +67,48 @@ class ShowEngine:
         if cue is None:
             known = ", ".join(self._show.cues) or "none"
             raise UsageError("CUE-NAME", f"this show has no cue '{name}'", f"Known: {known}.")
-        if cue.expression is not None:
-            self._fade_expression(cue, time_s)
+        face = self._faces.get(name)
+        if face is not None:
+            self._fade_expression(face, cue, time_s)
+        if cue.life is not None:
+            self._live(cue.life)
         if cue.character is not None:
             self._fade_character(cue, time_s)
         self._change_light(cue, time_s)
         return CueCalled(time_s, name)
 
-    def _fade_expression(self, cue: Cue, time_s: float) -> None:
-        assert cue.expression is not None
-        self._scene["previous_expression"] = expression_at(self._scene, time_s)
-        self._scene["expression"] = cue.expression.weights()
-        self._scene["expression_fade"] = (time_s, _or(cue.fade_s, self._show.fades.expression_s))
+    def arrive(self, name: str, appear: bool, time_s: float) -> bool:
+        """A character came while the show runs: it takes its turn after the others, or with
+        `appear` the stage at once. False when this show takes no guests."""
+        if not self._show.guests and name not in self._characters:
+            return False
+        if name not in self._characters:
+            self._characters.append(name)
+        if appear:
+            self._cross_fade(name, self._show.fades.character_s, time_s)
+        return True
+
+    def _fade_expression(self, face: Expression, cue: Cue, time_s: float) -> None:
+        default = self._show.fades.expression_s
+        if isinstance(cue.expression, str):
+            default = float(face.times[0]) or default
+        show_expression(self._scene, face, _or(cue.fade_s, default), time_s)
+
+    def _live(self, life: Life) -> None:
+        for name in type(life).model_fields:
+            self._scene["life"][name] = getattr(life, name)
 
     def _fade_character(self, cue: Cue, time_s: float) -> None:
-        current = self._scene["characters"][int(np.argmax(self._scene["opacity"]))].decode()
-        wanted = self._character(str(cue.character), current)
-        if wanted == current:
+        wanted = self._character(str(cue.character), self._current)
+        self._cross_fade(wanted, _or(cue.fade_s, self._show.fades.character_s), time_s)
+
+    @property
+    def _current(self) -> str:
+        name: bytes = self._scene["characters"][int(np.argmax(self._scene["opacity"]))]
+        return name.decode()
+
+    def _cross_fade(self, wanted: str, fade_s: float, time_s: float) -> None:
+        if wanted == self._current:
             return
         seen = dict(characters_at(self._scene, time_s))
         # There is room for the wanted one and the most visible others.
@@ -87,10 +120,10 @@ class ShowEngine:
             self._scene["characters"][index] = name.encode()
             self._scene["previous_opacity"][index] = seen.get(name, 0.0) / total
             self._scene["opacity"][index] = float(name == wanted)
-        self._scene["character_fade"] = (time_s, _or(cue.fade_s, self._show.fades.character_s))
+        self._scene["character_fade"] = (time_s, fade_s)
 
     def _character(self, wanted: str, current: str) -> str:
-        names = self._show.characters
+        names = self._characters
         step = {"next": 1, "previous": -1}.get(wanted)
         return wanted if step is None else names[(names.index(current) + step) % len(names)]
 

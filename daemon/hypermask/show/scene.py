@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.blackboard import Record
-from hypermask.show.showfile import Expression
+from hypermask.face.action_units import COUNT
+from hypermask.face.expressions import Expression
+from hypermask.face.life import Life
 
 Array = NDArray[np.float64]
 
 CHARACTERS = 4
-EMOTIONS = tuple(Expression.model_fields)
+KEYFRAMES = 16
+"""The longest expression that a show can play."""
 FADE_FIELDS = [("start_s", "<f8"), ("duration_s", "<f8")]
 
 SCENE = np.dtype(
@@ -26,9 +29,14 @@ SCENE = np.dtype(
         ("previous_opacity", "<f8", (CHARACTERS,)),
         ("opacity", "<f8", (CHARACTERS,)),
         ("character_fade", FADE_FIELDS),
-        ("expression", "<f8", (6,)),
-        ("previous_expression", "<f8", (6,)),
+        # The face that was there fades out while the new one's keyframes run from the fade's start.
+        ("mood", "S64"),
+        ("previous_units", "<f4", (COUNT,)),
+        ("frames", "<i4"),
+        ("frame_times", "<f4", (KEYFRAMES,)),
+        ("frame_units", "<f4", (KEYFRAMES, COUNT)),
         ("expression_fade", FADE_FIELDS),
+        ("life", [("blinks", "?"), ("gaze", "?"), ("breath", "?")]),
         ("brightness", "<f8"),
         ("previous_brightness", "<f8"),
         ("brightness_fade", FADE_FIELDS),
@@ -41,15 +49,52 @@ def progress(fade: Record, time_s: float) -> float:
     duration = float(fade["duration_s"])
     if duration <= 0:
         return 1.0
-    x = min(max((time_s - float(fade["start_s"])) / duration, 0.0), 1.0)
+    return ease((time_s - float(fade["start_s"])) / duration)
+
+
+def ease(x: float) -> float:
+    """0 to 1, with a soft start and end."""
+    x = min(max(x, 0.0), 1.0)
     return x * x * (3 - 2 * x)
 
 
-def expression_at(scene: Record, time_s: float) -> Array:
-    """(6,) emotion weights at `time_s`."""
-    done = progress(scene["expression_fade"], time_s)
-    mixed: Array = scene["previous_expression"] * (1 - done) + scene["expression"] * done
-    return mixed
+def show_expression(scene: Record, face: Expression, fade_s: float, time_s: float) -> None:
+    """From `time_s` on `face` comes, and what was there goes within `fade_s`."""
+    count = len(face.times)
+    scene["previous_units"] = units_at(scene, time_s)
+    scene["mood"] = face.name.encode()
+    scene["frames"] = count
+    scene["frame_times"][:count] = face.times
+    scene["frame_units"][:count] = face.units
+    scene["expression_fade"] = (time_s, fade_s)
+
+
+def units_at(scene: Record, time_s: float) -> Array:
+    """(88,) intensities of the action units at `time_s`, in `face.action_units.NAMES` order."""
+    gone = progress(scene["expression_fade"], time_s)
+    units = scene["previous_units"].astype(float) * (1 - gone)
+    come = _come(scene, time_s - float(scene["expression_fade"]["start_s"]))
+    # A face that is there from its first moment on comes as the other one goes, not at a blow.
+    share = 1.0 if scene["frames"] and scene["frame_times"][0] > 0 else gone
+    return np.asarray(np.minimum(units + share * come, 1))
+
+
+def _come(scene: Record, since_s: float) -> Array:
+    """What of the new face is there: its keyframes, eased between, before the first from none."""
+    count = int(scene["frames"])
+    times, units = scene["frame_times"][:count], scene["frame_units"][:count]
+    after = int(np.searchsorted(times, since_s, side="right"))
+    if not count or after == count:
+        return units[-1].astype(float) if count else np.zeros(COUNT)
+    end_s, end = float(times[after]), units[after]
+    start_s, start = (float(times[after - 1]), units[after - 1]) if after else (0.0, 0 * end)
+    share = ease((since_s - start_s) / (end_s - start_s)) if end_s > start_s else 1.0
+    return np.asarray(start + share * (end - start), float)
+
+
+def life_of(scene: Record) -> Life:
+    """What a face does by itself while nothing is asked of it."""
+    return Life(*(bool(scene["life"][name]) for name in ("blinks", "gaze", "breath")))
 
 
 def brightness_at(scene: Record, time_s: float) -> float:
@@ -71,7 +116,4 @@ def describe(scene: Record, time_s: float) -> str:
     if brightness_at(scene, time_s) <= 0:
         return "blackout"
     name = max(characters_at(scene, time_s), key=lambda item: item[1], default=("", 0.0))[0]
-    weights = expression_at(scene, time_s)
-    strongest = int(np.argmax(weights))
-    mood = EMOTIONS[strongest] if weights[strongest] > 0.3 else "neutral"
-    return f"{name}, {mood}"
+    return f"{name}, {bytes(scene['mood'].item()).decode() or 'neutral'}"

@@ -41,10 +41,22 @@ class Expression(Settings):
         return tuple(float(getattr(self, name)) for name in type(self).model_fields)
 
 
+class Life(Settings):
+    """What a face does by itself."""
+
+    blinks: bool = True
+    gaze: bool = True
+    breath: bool = True
+
+
 class Cue(Settings):
     """What a cue changes; what it does not name stays as it is."""
 
-    expression: Expression | None = None
+    expression: Expression | str | None = None
+    """Weights of emotions, or the name or path of an expression's file."""
+    units: dict[str, float | str] | None = None
+    """Action units by name, such as `12L = 0.6` or `4 = "B"`: added to the expression, or alone."""
+    life: Life | None = None
     character: str | None = None
     """A name from `characters`, or `next` or `previous`."""
     brightness: float | None = Field(None, ge=0, le=1)
@@ -63,9 +75,16 @@ class Fades(Settings):
 
 
 class ShowFile(Settings):
+    """emotions: which combinations of action units they are, the short ones of EMFACS or the full;
+    guests: whether a character made while the show runs joins it.
+    """
+
     version: Literal[1]
     name: str
     characters: tuple[str, ...] = Field(min_length=1)
+    guests: bool = True
+    emotions: Literal["full", "short"] = "full"
+    life: Life = Life()
     brightness: float = Field(1.0, ge=0, le=1)
     fades: Fades = Fades()
     cues: dict[str, Cue] = Field(default_factory=dict)

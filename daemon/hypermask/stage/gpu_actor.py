@@ -1,39 +1,37 @@
-"""An actor's meshes and textures in the GPU's memory."""
+"""An actor in the GPU's memory: meshes that characters may share, and the textures of each."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.errors import DataError
-from hypermask.stage.layers import Actor, MeshLayer, Positions
-from hypermask.stage.settings import StageSettings
-
-TEXTURE_GAMMA = 2.2
+from hypermask.stage.costume import Costume
+from hypermask.stage.layers import Actor, Positions
+from hypermask.stage.textures import TextureStock, fill
 
 _LIGHT = np.array([0.2, 0.5, 0.84])  # from the upper right of the audience, on shaded layers
 _AMBIENT = 0.35
 
 
 @dataclass(frozen=True)
-class _GpuLayer:
-    texture: moderngl.Texture
-    vertex_array: moderngl.VertexArray
+class _Part:
+    """Where a layer lies in the buffers."""
+
     first_index: int
     index_count: int
     vertices: slice
     normals: _VertexNormals | None
 
 
-class GpuActor:
+class GpuMesh:
     """All layers' vertices stream through one buffer, written once a frame.
 
-    opaque, transparent: the programs for textures without and with see-through parts.
+    programs: for textures without and with see-through parts.
     """
 
     def __init__(
@@ -41,7 +39,6 @@ class GpuActor:
         context: moderngl.Context,
         actor: Actor,
         programs: tuple[moderngl.Program, moderngl.Program],
-        settings: StageSettings,
     ) -> None:
         counts = [len(layer.uv) for layer in actor.layers]
         starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
@@ -54,29 +51,15 @@ class GpuActor:
             layer.triangles + start for layer, start in zip(actor.layers, starts, strict=False)
         ]
         self._indices = context.buffer(np.concatenate(triangles).astype(np.uint32).tobytes())
-        arrays = [self._vertex_array(context, program) for program in programs]
-        self._arrays = arrays
-        self._layers: list[_GpuLayer] = []
+        self.arrays = [self._vertex_array(context, program) for program in programs]
+        self.parts: list[_Part] = []
+        self._users = 0
         first = 0
         for layer, start in zip(actor.layers, starts, strict=False):
-            see_through = bool(layer.texture[..., 3].min() < 255)
-            self._layers.append(
-                _GpuLayer(
-                    _upload(context, layer.texture, settings.projector_gamma),
-                    arrays[int(see_through)],
-                    first,
-                    layer.triangles.size,
-                    slice(int(start), int(start) + len(layer.uv)),
-                    _VertexNormals(layer.triangles, len(layer.uv)) if layer.shaded else None,
-                )
-            )
+            normals = _VertexNormals(layer.triangles, len(layer.uv)) if layer.shaded else None
+            vertices = slice(int(start), int(start) + len(layer.uv))
+            self.parts.append(_Part(first, layer.triangles.size, vertices, normals))
             first += layer.triangles.size
-        self.mean_light = float(
-            np.average(
-                [mean_light(layer) for layer in actor.layers],
-                weights=[len(layer.triangles) for layer in actor.layers],
-            )
-        )
 
     def _vertex_array(
         self, context: moderngl.Context, program: moderngl.Program
@@ -86,7 +69,7 @@ class GpuActor:
 
     def check(self, key: str, positions: Sequence[Positions]) -> None:
         """Raises `DataError` STAGE-MESH unless there are positions (V, 3) for each layer."""
-        wanted = [(part.vertices.stop - part.vertices.start, 3) for part in self._layers]
+        wanted = [(part.vertices.stop - part.vertices.start, 3) for part in self.parts]
         given = [part.shape for part in positions]
         if wanted != given:
             raise DataError(
@@ -97,27 +80,72 @@ class GpuActor:
 
     def stream(self, positions: Sequence[Positions]) -> None:
         """Send this frame's positions, one finite (V, 3) array a layer."""
-        for layer, part in zip(self._layers, positions, strict=True):
-            self._staging[layer.vertices, :3] = part
-            if layer.normals is not None:
-                self._staging[layer.vertices, 3] = layer.normals.shade(part)
+        for part, places in zip(self.parts, positions, strict=True):
+            self._staging[part.vertices, :3] = places
+            if part.normals is not None:
+                self._staging[part.vertices, 3] = part.normals.shade(places)
         self._stream.orphan()
         self._stream.write(self._staging)
 
-    def render(self) -> None:
-        for layer in self._layers:
-            layer.texture.use(0)
-            layer.vertex_array.render(
-                moderngl.TRIANGLES, vertices=layer.index_count, first=layer.first_index
-            )
+    def taken(self) -> None:
+        self._users += 1
 
-    def release(self) -> None:
-        for layer in self._layers:
-            layer.texture.release()
-        for array in self._arrays:
+    def left(self) -> None:
+        """Freed when the last actor that has it leaves."""
+        self._users -= 1
+        if self._users:
+            return
+        for array in self.arrays:
             array.release()
         for buffer in (self._stream, self._uv, self._indices):
             buffer.release()
+
+
+class GpuActor:
+    """A mesh with a texture for each of its layers."""
+
+    def __init__(
+        self,
+        mesh: GpuMesh,
+        stock: TextureStock,
+        costume: Costume,
+        like: GpuActor | None = None,
+    ) -> None:
+        """like: an actor with the same mesh; it lends the textures that the costume lacks, and
+        must outlive this one."""
+        self.mesh = mesh
+        self.mean_light = costume.mean_light
+        self._stock, self._costume = stock, costume
+        self._own = {
+            number: stock.take((levels[0].shape[1], levels[0].shape[0]))
+            for number, levels in costume.textures.items()
+        }
+        lent = {} if like is None else dict(enumerate(like._drawn))
+        self._drawn: list[tuple[moderngl.Texture, bool]] = [
+            (self._own[number], number in costume.see_through)
+            if number in self._own
+            else lent[number]
+            for number in range(len(mesh.parts))
+        ]
+        mesh.taken()
+
+    def fill(self) -> Iterator[None]:
+        """Copies the costume into its textures, a slice at each step."""
+        for number, texture in self._own.items():
+            yield from fill(texture, self._costume.textures[number])
+        self._costume = Costume({}, frozenset(), self.mean_light)
+
+    def render(self) -> None:
+        for part, (texture, see_through) in zip(self.mesh.parts, self._drawn, strict=True):
+            texture.use(0)
+            self.mesh.arrays[int(see_through)].render(
+                moderngl.TRIANGLES, vertices=part.index_count, first=part.first_index
+            )
+
+    def release(self) -> None:
+        for texture in self._own.values():
+            self._stock.give_back(texture)
+        self.mesh.left()
 
 
 class _VertexNormals:
@@ -143,32 +171,3 @@ class _VertexNormals:
         shade = np.ones(self._count, np.float32)
         shade[self._used] = _AMBIENT + (1 - _AMBIENT) * lit
         return shade
-
-
-def _upload(
-    context: moderngl.Context, rgba: NDArray[np.uint8], projector_gamma: float
-) -> moderngl.Texture:
-    """Premultiplied, corrected for the projector's gamma, with mipmaps."""
-    levels = np.arange(256) / 255
-    curve = np.round(255 * levels ** (TEXTURE_GAMMA / projector_gamma))
-    colour = curve[rgba[..., :3]]
-    alpha = rgba[..., 3:]
-    pixels = np.concatenate([np.round(colour * (alpha / 255)).astype(np.uint8), alpha], axis=2)
-    height, width = pixels.shape[:2]
-    texture = context.texture((width, height), 4, pixels.tobytes())
-    texture.build_mipmaps()
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-    texture.repeat_x = texture.repeat_y = False
-    return texture
-
-
-def mean_light(layer: MeshLayer) -> float:
-    """Mean light, 0..1, of the part of a layer's texture that its triangles show."""
-    size = 256
-    small = cv2.resize(layer.texture, (size, size), interpolation=cv2.INTER_AREA) / 255.0
-    light = (small[..., :3] ** TEXTURE_GAMMA).mean(axis=2) * small[..., 3]
-    shown = np.zeros((size, size), np.uint8)
-    corners = np.round(np.clip(layer.uv, 0, 1)[layer.triangles] * (size - 1)).astype(np.int32)
-    for triangle in corners:
-        cv2.fillConvexPoly(shown, triangle, (1,))
-    return float(light[shown > 0].mean())

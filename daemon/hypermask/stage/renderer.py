@@ -6,7 +6,7 @@ pictures of the actors, each times its weight: two opaque actors never show what
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,14 +18,17 @@ from hypermask.errors import DataError
 from hypermask.mask import Mask
 from hypermask.stage import shaders
 from hypermask.stage.clip import View, view_of
-from hypermask.stage.gpu_actor import GpuActor
+from hypermask.stage.costume import Costume, make_costume
+from hypermask.stage.gpu_actor import GpuActor, GpuMesh
 from hypermask.stage.layers import Actor, Positions
 from hypermask.stage.settings import StageSettings
+from hypermask.stage.textures import TextureStock
 
 _OVER = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
 _DARKEN = (moderngl.ZERO, moderngl.ONE_MINUS_SRC_ALPHA)
 _ADD = (moderngl.ONE, moderngl.ONE)
 _DISC_SEGMENTS = 32
+_END = object()
 
 
 @dataclass
@@ -55,6 +58,7 @@ class StageRenderer:
         self._size = size
         self._settings = settings or StageSettings()
         self._actors: dict[str, GpuActor] = {}
+        self._stock = TextureStock(context)
         self._scratch: moderngl.Framebuffer | None = None
         self._reported = False
         self._discs = eye_discs(mask, self._settings)
@@ -74,9 +78,42 @@ class StageRenderer:
     def load(self, key: str, actor: Actor) -> None:
         """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time."""
         with self._context:
-            loaded = GpuActor(self._context, actor, self._programs, self._settings)
-            self.unload(key)
-            self._actors[key] = loaded
+            costume = make_costume(actor.layers, self._settings.projector_gamma)
+            mesh = GpuMesh(self._context, actor, self._programs)
+            loaded = GpuActor(mesh, self._stock, costume)
+            for _ in loaded.fill():
+                pass
+            self._put(key, loaded)
+
+    def dress(self, key: str, like: str, costume: Costume) -> Iterator[None]:
+        """Bring an actor with the mesh of the loaded one `like` to the GPU, little by little: a
+        step takes a small part of a frame's time, frames may be drawn between the steps, and the
+        last step puts it on the stage; one of the same key is then replaced. `like` must stay.
+        """
+        with self._context:
+            model = self._actors[like]
+            dressed = GpuActor(model.mesh, self._stock, costume, model)
+        steps, more = dressed.fill(), True
+        try:
+            while more:
+                with self._context:
+                    more = next(steps, _END) is not _END
+                yield
+        except BaseException:
+            with self._context:
+                dressed.release()
+            raise
+        self._put(key, dressed)
+
+    def reserve(self, sizes: Iterable[tuple[int, int]]) -> None:
+        """Have spare textures (width, height) for `dress`. Not within a frame's time."""
+        with self._context:
+            for size in sizes:
+                self._stock.reserve(size)
+
+    def _put(self, key: str, actor: GpuActor) -> None:
+        self.unload(key)
+        self._actors[key] = actor
 
     def unload(self, key: str) -> None:
         actor = self._actors.pop(key, None)
@@ -129,6 +166,8 @@ class StageRenderer:
     def release(self) -> None:
         for key in self.loaded:
             self.unload(key)
+        with self._context:
+            self._stock.release()
 
     def _visible(self, items: Sequence[DrawItem], brightness: float) -> list[DrawItem]:
         for item in items:
@@ -138,7 +177,7 @@ class StageRenderer:
                     f"the actor '{item.key}' is not on the stage",
                     "Load it before it is drawn.",
                 )
-            self._actors[item.key].check(item.key, item.positions)
+            self._actors[item.key].mesh.check(item.key, item.positions)
         if brightness <= 0:
             return []
         total = max(1.0, sum(item.opacity for item in items if item.opacity > 0))
@@ -198,7 +237,7 @@ class StageRenderer:
         for program in self._programs:
             uniform(program, "clip_from_mask").write(matrix)
             uniform(program, "light").value = light
-        actor.stream(item.positions)
+        actor.mesh.stream(item.positions)
         actor.render()
 
     def _light_factor(self, actor: GpuActor) -> float:

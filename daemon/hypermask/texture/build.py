@@ -47,6 +47,15 @@ def _finder(folder: Path) -> FaceFinder:
     return FaceFinder(folder)
 
 
+def warm_up() -> None:
+    """Load what `build_character` needs, so that the first photograph takes no longer than others.
+
+    Raises `DataError` FACE-MODELS, TEXTURE-MODEL.
+    """
+    face = mean_texture()
+    make_texture(face, _finder(paths.models()).find(face))
+
+
 def build_character(
     photo: Path,
     name: str,

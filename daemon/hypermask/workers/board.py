@@ -29,20 +29,42 @@ TRACK = np.dtype(
 )
 MOUTH = np.dtype([("time_s", "<f8"), ("parameters", "<f8", (13,)), ("level_db", "<f8")])
 PACE = np.dtype([("flip_s", "<f8"), ("period_s", "<f8"), ("latch_lead_s", "<f8")])
+WARDROBE = np.dtype(
+    [
+        ("latest", "<i8"),
+        (
+            "costumes",
+            [
+                ("version", "<i8"),  # counts all that were ever made; 0 is none
+                ("name", "S64"),
+                ("file", "S96"),  # in the board's folder
+                ("appear", "?"),
+                ("ordered_s", "<f8"),
+            ],
+            (16,),
+        ),
+    ]
+)
+CURTAIN = np.dtype([("dressed", "<i8")])  # the last version that can be drawn
 
 
 @dataclass(frozen=True)
 class Board:
-    """track: by the tracker; mouth: by the voice; scene: by the show; pace: by the stage."""
+    """track: by the tracker; mouth: by the voice; scene: by the show; pace and curtain: by the
+    stage; wardrobe: by the dresser, whose costumes lie in the folder."""
 
     track: Topic
     mouth: Topic
     scene: Topic
     pace: Topic
+    wardrobe: Topic
+    curtain: Topic
+    folder: Path | None = None
 
     @staticmethod
-    def local() -> Board:
-        return Board(LocalTopic(), LocalTopic(), LocalTopic(), LocalTopic())
+    def local(folder: Path | None = None) -> Board:
+        track, mouth, scene, pace, wardrobe, curtain = (LocalTopic() for _ in range(6))
+        return Board(track, mouth, scene, pace, wardrobe, curtain, folder)
 
     @staticmethod
     def shared(folder: Path) -> Board:
@@ -52,4 +74,7 @@ class Board:
             SharedTopic(folder / "mouth", MOUTH),
             SharedTopic(folder / "scene", SCENE),
             SharedTopic(folder / "pace", PACE),
+            SharedTopic(folder / "wardrobe", WARDROBE),
+            SharedTopic(folder / "curtain", CURTAIN),
+            folder,
         )

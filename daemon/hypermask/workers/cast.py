@@ -2,83 +2,113 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Iterator, Mapping
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hypermask import paths
 from hypermask.errors import DataError
 from hypermask.face.character import find_character, load_character
 from hypermask.face.face import Face
+from hypermask.face.life import LIFE, Life
 from hypermask.geometry import Array
 from hypermask.mask import Mask
-from hypermask.stage.layers import Actor, Positions, dots_actor
+from hypermask.stage.costume import Costume
+from hypermask.stage.layers import Positions, dots_actor
 from hypermask.stage.renderer import DrawItem, StageRenderer
 
 DOTS = "dots"
 """The test character: coloured dots at known points of the mask's surface."""
 
-
-class Player(Protocol):
-    """A character that can be drawn: its meshes and where their vertices are."""
-
-    @property
-    def actor(self) -> Actor: ...
-
-    def positions(
-        self, expression: Array, mouth: Array, time_s: float
-    ) -> tuple[Positions, ...]: ...
-
-
-class DotsPlayer:
-    """The test character; it has no expression and no mouth."""
-
-    def __init__(self, mask: Mask) -> None:
-        path = paths.configs() / "characters" / DOTS / "texture.png"
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if picture is None:
-            raise DataError("CHAR-READ", f"cannot read {path}", "Install hypermask again.")
-        texture = np.ascontiguousarray(picture[..., ::-1], np.uint8)
-        self.actor, self._positions = dots_actor(mask, texture)
-
-    def positions(self, expression: Array, mouth: Array, time_s: float) -> tuple[Positions, ...]:
-        return self._positions
-
-
-class FacePlayer:
-    """A character made from a photograph."""
-
-    def __init__(self, name: str, mask: Mask) -> None:
-        self._face = Face(load_character(find_character(name)), mask)
-
-    @property
-    def actor(self) -> Actor:
-        return self._face.actor
-
-    def positions(self, expression: Array, mouth: Array, time_s: float) -> tuple[Positions, ...]:
-        return self._face.alive(time_s, expression, mouth)
+WORN = ("skin", "eyes")
+"""The layers whose textures differ from face to face; teeth, tongue and throat are everybody's."""
+_MODEL = "."
+"""Key of an actor that is never drawn: what all faces have in common is borrowed from it."""
+_SPARE_SIZES = ((512, 512), (1024, 1024), (320, 112))
 
 
 class Cast:
-    """Loads characters into the renderer and gives what to draw of each."""
+    """Loads characters into the renderer and gives what to draw of each.
+
+    All faces move by the same rig on the same mask, so that one face's places are everybody's.
+    """
 
     def __init__(self, sources: Mapping[str, str], mask: Mask, renderer: StageRenderer) -> None:
         """sources: name on the stage -> name or folder of the character."""
-        self._players: dict[str, Player] = {}
+        self._renderer = renderer
+        self._names: list[str] = []
+        self._dots: tuple[Positions, ...] = ()
+        self._face: Face | None = None
         for name, source in sources.items():
-            player: Player = DotsPlayer(mask) if source == DOTS else FacePlayer(source, mask)
-            renderer.load(name, player.actor)
-            self._players[name] = player
+            if source == DOTS:
+                actor, self._dots = dots_actor(mask, _dots_texture())
+            else:
+                face = Face(load_character(find_character(source)), mask)
+                actor = face.actor
+                if self._face is None:
+                    self._face = face
+                    renderer.load(_MODEL, actor)
+                    renderer.reserve(_SPARE_SIZES)
+            renderer.load(name, actor)
+            self._names.append(name)
+        self._first = self._names[0]
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(self._players)
+        return tuple(self._names)
 
-    def item(
-        self, name: str, opacity: float, expression: Array, mouth: Array, time_s: float
-    ) -> DrawItem:
-        """One character at `time_s`: expression (6,) emotion weights, mouth (13,) parameters."""
-        positions = self._players[name].positions(expression, mouth, time_s)
-        return DrawItem(name, positions, opacity)
+    def join(self, name: str, costume: Costume) -> Iterator[None]:
+        """Dress one more character, or an old one anew, a little at each step; after the last one
+        it can be drawn. Raises `DataError` STAGE-KEY in a show without faces."""
+        if self._face is None:
+            raise DataError("STAGE-KEY", "this show has no faces", "Choose another character.")
+        yield from self._renderer.dress(name, _MODEL, costume)
+        if name not in self._names:
+            self._names.append(name)
+
+    def leave(self, name: str) -> None:
+        """One that joined leaves."""
+        if name in self._names and name != self._first:
+            self._names.remove(name)
+            self._renderer.unload(name)
+
+    def items(
+        self,
+        wanted: list[tuple[str, float]],
+        units: Array,
+        mouth: Array,
+        time_s: float,
+        life: Life = LIFE,
+    ) -> tuple[DrawItem, ...]:
+        """What to draw of (name, opacity) at `time_s`: units (88,), mouth (13,).
+
+        A name that is not there is left out and the others take its light; when none is there, the
+        first of the cast plays.
+        """
+        known = [(name, opacity) for name, opacity in wanted if name in self._names]
+        known = known or [(self._first, 1.0)]
+        total = sum(opacity for _, opacity in known)
+        places = self._pose(units, mouth, time_s, life)
+        return tuple(
+            DrawItem(name, self._dots if name == DOTS else places, opacity / total)
+            for name, opacity in known
+        )
+
+    def dots(self) -> DrawItem:
+        """The test character, which has no expression and no mouth."""
+        return DrawItem(DOTS, self._dots, 1.0)
+
+    def _pose(self, units: Array, mouth: Array, time_s: float, life: Life) -> tuple[Positions, ...]:
+        if self._face is None:
+            return ()
+        return self._face.alive(time_s, None, mouth, units, life)
+
+
+def _dots_texture() -> NDArray[np.uint8]:
+    path = paths.configs() / "characters" / DOTS / "texture.png"
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise DataError("CHAR-READ", f"cannot read {path}", "Install hypermask again.")
+    return np.ascontiguousarray(picture[..., ::-1], np.uint8)

@@ -12,7 +12,7 @@ import numpy as np
 from hypermask.blackboard import Record
 from hypermask.geometry import Array, Pose
 from hypermask.mask import Mask
-from hypermask.show.scene import brightness_at, characters_at, expression_at
+from hypermask.show.scene import brightness_at, characters_at, life_of, units_at
 from hypermask.stage.mapping import (
     Mapping,
     PlanarCalibration,
@@ -139,10 +139,8 @@ class StageWorker:
         return Picture(light_s, matrix, items, brightness, seen_s, heard_s)
 
     def _items(self, scene: Record, mouth: Array, light_s: float) -> tuple[DrawItem, ...]:
-        expression = expression_at(scene, light_s)
-        return tuple(
-            self._cast.item(name, opacity, expression, mouth, light_s)
-            for name, opacity in characters_at(scene, light_s)
+        return self._cast.items(
+            characters_at(scene, light_s), units_at(scene, light_s), mouth, light_s, life_of(scene)
         )
 
     def _mouth(self, sound: Record | None, light_s: float) -> Array:
