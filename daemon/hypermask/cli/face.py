@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hypermask.cli.output import JsonOption, console, print_json, reports_errors
 from hypermask.errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 app = typer.Typer(help="Make and look at characters.", no_args_is_help=True)
 
@@ -64,21 +68,37 @@ def list_characters(as_json: JsonOption = False) -> None:
 def sheet(
     name: Annotated[str, typer.Argument(help="A character's name or folder.")],
     out: Annotated[Path, typer.Option(help="The picture to write.")] = Path("sheet.png"),
+    projected: Annotated[
+        bool, typer.Option(help="Also draw it as projected, in a second picture.")
+    ] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """Draw a character's emotions and mouth shapes on one page."""
-    import cv2
-
+    """Draw all that a character's face can do: emotions, mouth shapes, looks, turns and every
+    action unit; on a second page the same on a mask on the stage."""
     from hypermask import paths
     from hypermask.face.character import find_character, load_character
     from hypermask.face.sheet import sheet as draw
     from hypermask.mask import load_mask
-    from hypermask.storage import write_atomically
 
     mask = load_mask(paths.configs() / "masks" / "reference")
-    picture = draw(load_character(find_character(name)), mask)
-    write_atomically(out, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
+    character = load_character(find_character(name))
+    _write_picture(out, draw(character, mask))
+    told = {"picture": str(out)}
+    if projected:
+        from hypermask.rehearsal.face_sheet import projected_sheet
+
+        second = out.with_stem(f"{out.stem}-projected")
+        _write_picture(second, projected_sheet(character, mask))
+        told["projected"] = str(second)
     if as_json:
-        print_json({"picture": str(out)})
+        print_json(told)
     else:
-        console.print(f"Look at {out}")
+        console.print(f"Look at {' and '.join(told.values())}")
+
+
+def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    import cv2
+
+    from hypermask.storage import write_atomically
+
+    write_atomically(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())

@@ -97,10 +97,15 @@ def sheet(
             picture = turned_view(face, positions, pixels_per_mm, pose.turn, eye_holes)
         else:
             picture = front_view(face, positions, pixels_per_mm, eye_holes)
-        pictures.append(_titled(picture, pose.title))
-    blank = np.zeros_like(pictures[0])
-    pictures += [blank] * (-len(pictures) % columns)
-    rows = [np.hstack(pictures[k : k + columns]) for k in range(0, len(pictures), columns)]
+        pictures.append(titled(picture, pose.title))
+    return joined(pictures, columns)
+
+
+def joined(pictures: Sequence[Image], columns: int) -> Image:
+    """Pictures of one size on one page, row by row."""
+    blank = [np.zeros_like(pictures[0])] * (-len(pictures) % columns)
+    filled = [*pictures, *blank]
+    rows = [np.hstack(filled[k : k + columns]) for k in range(0, len(filled), columns)]
     return np.asarray(np.vstack(rows), np.uint8)
 
 
@@ -198,7 +203,8 @@ def _paint(
     part += alpha * (colour[..., :3].astype(np.float32) - part)
 
 
-def _titled(picture: Image, title: str) -> Image:
+def titled(picture: Image, title: str) -> Image:
+    """The picture under a strip with its title."""
     strip = np.zeros((24, picture.shape[1], 3), np.uint8)
     (wide, _), _ = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
     size = 0.5 * min(1.0, (picture.shape[1] - 10) / max(wide, 1))
