@@ -14,6 +14,9 @@ from hypermask.stage.textures import SLICE_BYTES, TextureStock
 sys.path.insert(0, str(Path(__file__).parent))
 from test_stage_renderer import Theatre, at, plain, procam
 
+from hypermask.stage.layers import Actor
+from hypermask.stage.renderer import DrawItem
+
 RED, BLUE = (200, 40, 0), (0, 40, 200)
 
 
@@ -56,6 +59,26 @@ def test_what_a_costume_lacks_is_lent_by_the_model(theatre):
     assert list(blue.textures) == [0]
     wear(theatre, "guest", "model", blue)  # its first layer lies behind the second
     assert at(theatre.show(procam(), [replace(item, key="guest")]), procam(), (0, 0, 0))[0] > 150
+
+
+@pytest.mark.parametrize("alpha", [255, 120])
+def test_a_cross_fade_of_a_dressed_pair_looks_like_any_other(theatre, alpha):
+    noise = np.random.default_rng(3).integers(0, 256, (64, 64, 4), np.uint8)
+    noise[..., 3] = alpha
+    red, positions = plain(RED)
+    blue = plain(BLUE)[0].layers[0]
+    uv = np.random.default_rng(4).random(blue.uv.shape).astype(np.float32)
+    one = Actor((replace(red.layers[0], uv=uv),))
+    two = Actor((replace(blue, uv=uv, texture=noise),))
+    theatre.load("one", (one, positions))
+    theatre.load("two", (two, positions))
+    wear(theatre, "mixed", "one", make_costume(two.layers, 2.2))
+    matrix = procam(10, 5, 20)
+    separate, together = (
+        theatre.show(matrix, [DrawItem("one", positions, 0.3), DrawItem(key, positions, 0.7)], 0.8)
+        for key in ("two", "mixed")
+    )
+    assert np.abs(separate - together).max() <= 2  # they are rounded at other moments
 
 
 def test_no_step_copies_more_than_a_slice():

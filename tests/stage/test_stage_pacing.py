@@ -59,9 +59,9 @@ def test_it_learns_that_drawing_became_slower():
 def test_a_miss_makes_the_next_latch_earlier():
     pacer = Pacer(PERIOD)
     play(pacer, np.full(300, 0.002))
-    before = pacer.budget_s
+    before = pacer.budget_s()
     assert pacer.flipped(1.0, 1.0 + PERIOD) == 1
-    assert pacer.budget_s >= before + PacingSettings().margin_step_s / 2
+    assert pacer.budget_s() >= before + PacingSettings().margin_step_s / 2
 
 
 def test_the_budget_never_exceeds_a_period_even_if_drawing_does():
@@ -77,3 +77,12 @@ def test_missed_flips_are_counted_one_by_one():
     assert pacer.flipped(1.0 + PERIOD, 1.0 + 4 * PERIOD) == 3
     assert (pacer.count.flips, pacer.count.missed) == (2, 3)
     assert pacer.count.on_time == pytest.approx(0.4)
+
+
+def test_a_cross_fade_whose_cost_is_known_misses_no_flip_at_its_beginning():
+    pacer = Pacer(PERIOD)
+    for load, cost in ((1, 0.003), (2, 0.009)):
+        for _ in range(20):
+            pacer.drawn(0.0, cost, load)
+    assert pacer.budget_s(2) >= 0.009
+    assert pacer.budget_s(1) < 0.005, "and a single face is not begun earlier for it"

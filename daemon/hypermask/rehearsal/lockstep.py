@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from hypermask.rehearsal.show_parts import Casting
 from hypermask.rehearsal.visitors import SHELF, Visitors
 from hypermask.show.engine import ShowEngine
 from hypermask.show.scene import describe
-from hypermask.stage.renderer import StageRenderer
+from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.motion_model import MotionParameters
@@ -162,17 +163,36 @@ class LockStep:
     def warm_up(self) -> None:
         """Draw every character once, so that shaders are compiled and textures are in place before
         the first flip that counts."""
+        items = self._everybody()
+        for shown in [*([item] for item in items), items[:2], items]:
+            for framebuffer in (self.cart.projector.framebuffer, self._probe_buffer):
+                self.stage.draw(framebuffer, self._before_show(shown), counted=False)
+                read_back(framebuffer)
+        self.stage.draw(self.cart.projector.framebuffer, self._before_show([]), counted=False)
+
+    def drawing_times(self, repeats: int = 20) -> dict[int, list[float]]:
+        """Seconds to draw one character and a cross-fade of two, on the projector's framebuffer."""
+        framebuffer, times = self.cart.projector.framebuffer, {}
+        for load in (1, 2):
+            picture = self._before_show(self._everybody()[:load])
+            times[load] = [self._timed_draw(framebuffer, picture) for _ in range(repeats)]
+        self.stage.draw(framebuffer, self._before_show([]), counted=False)
+        return times
+
+    def _timed_draw(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> float:
+        began = time.perf_counter()
+        self.stage.draw(framebuffer, picture, counted=False)
+        return time.perf_counter() - began
+
+    def _everybody(self) -> tuple[DrawItem, ...]:
+        everybody = [(name, 1.0) for name in self._cast.names]
+        return self._cast.items(everybody, np.zeros(COUNT), np.zeros(13), 0.0)
+
+    def _before_show(self, items: Sequence[DrawItem]) -> Picture:
+        """A picture of a mask straight ahead; black without items."""
         width, height = self._mode.width, self._mode.height
         matrix = np.array([[900.0, 0, 0, width / 2], [0, -900.0, 0, height / 2], [0, 0, 0, 1.0]])
-        everybody = [(name, 1.0) for name in self._cast.names]
-        items = self._cast.items(everybody, np.zeros(COUNT), np.zeros(13), 0.0)
-        for shown in [*([item] for item in items), items[:2], items]:
-            picture = Picture(0.0, matrix, tuple(shown), 0.5, None)
-            for framebuffer in (self.cart.projector.framebuffer, self._probe_buffer):
-                self.stage.draw(framebuffer, picture)
-                read_back(framebuffer)
-        self.stage.draw(self.cart.projector.framebuffer, Picture(0.0, None, (), 0.0, None))
-        self.stage.compute_s.clear()
+        return Picture(0.0, matrix if items else None, tuple(items), 0.5, None)
 
     def play(self, duration_s: float) -> Iterator[Flip | None]:
         """Play until `duration_s` after the cart's time 0; None for a flip without a projector."""

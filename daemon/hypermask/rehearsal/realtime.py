@@ -87,7 +87,8 @@ class RealTimeStage:
                 clock.sleep_until(clock.now() + 1 / self._cart.scenario.projector.rate_hz)
                 continue
             # When reading back took too long, that is no cost of drawing: count from now.
-            latch_s = max(self.pacer.latch_s(flip_s), clock.now())
+            load = lockstep.stage.load(flip_s + lockstep.light_delay_s)
+            latch_s = max(self.pacer.latch_s(flip_s, load), clock.now())
             clock.sleep_until(latch_s)
             lockstep.stage.announce(flip_s, flip_s - latch_s)
             picture = lockstep.stage.latch(clock.now(), flip_s + lockstep.light_delay_s)
@@ -95,7 +96,7 @@ class RealTimeStage:
             if framebuffer is None:
                 continue
             lockstep.stage.draw(framebuffer, picture)
-            self.pacer.drawn(latch_s, clock.now())
+            self.pacer.drawn(latch_s, clock.now(), load)
             shown_s = lockstep.projector.use(lambda device: device.present())
             if shown_s is None:
                 continue
@@ -107,10 +108,21 @@ class RealTimeStage:
             if next_s is not None:
                 self.arrivals.look(picture.items, picture.light_s + late_s)
                 self._keep(index, shown_s, _moved(picture, late_s), next_s)
-                spare_s = next_s - self.pacer.budget_s - clock.now()
+                spare_s = self._spare_s(next_s)
                 lockstep.wings.work(clock.now(), spare_s)
             on_flip(shown_s)
             index += 1
+
+    def rehearse_costs(self) -> None:
+        """Let the pacer know what drawing costs, before the first flip that counts."""
+        for load, times_s in self._lockstep.drawing_times().items():
+            for time_s in times_s:
+                self.pacer.drawn(0.0, time_s, load)
+
+    def _spare_s(self, next_flip_s: float) -> float:
+        """Time until the next frame must be begun."""
+        load = self._lockstep.stage.load(next_flip_s + self._lockstep.light_delay_s)
+        return next_flip_s - self.pacer.budget_s(load) - self._clock.now()
 
     def _keep(self, index: int, flip_s: float, picture: Picture, next_flip_s: float) -> None:
         """Read back for the film and for the judge in turn, where the time until the next latch
@@ -120,7 +132,7 @@ class RealTimeStage:
         if picture.mouth_lag_s is not None and picture.items:
             self.mouth_lags_s.append(picture.mouth_lag_s)
         kind = {0: "film", self._film_every // 2: "judge"}.get(index % self._film_every)
-        spare_s = next_flip_s - self.pacer.budget_s - self._clock.now()
+        spare_s = self._spare_s(next_flip_s)
         if kind is None or spare_s < self._cost_s[kind]:
             if kind is not None:
                 self._cost_s[kind] *= 0.99  # so that it is tried again some time
@@ -217,6 +229,7 @@ def _play(
     rehearsal.lockstep.warm_up()
     freeze_garbage()
     stage.granted = be_realtime(PRIORITY)
+    stage.rehearse_costs()
     world.origin_s = clock.now() + START_DELAY_S
     crew.begin(world.origin_s)
     clock.sleep_until(world.origin_s)

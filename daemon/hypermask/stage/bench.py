@@ -36,8 +36,10 @@ def run(
         )
     face, face_positions = face_like_actor(mask)
     dots, dots_positions = dots_actor(mask, noise_texture(1024))
-    for key, actor in (("face", face), ("other", face), ("dots", dots)):
+    for key, actor in (("face", face), ("dots", dots)):
         renderer.load(key, actor)
+    for _ in renderer.dress("other", "face", renderer.costume(face)):
+        pass
     scenes = {
         "face": [DrawItem("face", face_positions)],
         "cross_fade": [

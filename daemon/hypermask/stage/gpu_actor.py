@@ -16,6 +16,8 @@ from hypermask.stage.textures import TextureStock, fill
 
 _LIGHT = np.array([0.2, 0.5, 0.84])  # from the upper right of the audience, on shaded layers
 _AMBIENT = 0.35
+SINGLE = 2
+"""So many of the programs draw one actor; as many more draw two."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +33,14 @@ class _Part:
 class GpuMesh:
     """All layers' vertices stream through one buffer, written once a frame.
 
-    programs: for textures without and with see-through parts.
+    programs: for textures without and with see-through parts, and the same for two actors at once.
     """
 
     def __init__(
         self,
         context: moderngl.Context,
         actor: Actor,
-        programs: tuple[moderngl.Program, moderngl.Program],
+        programs: Sequence[moderngl.Program],
     ) -> None:
         counts = [len(layer.uv) for layer in actor.layers]
         starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
@@ -135,10 +137,23 @@ class GpuActor:
             yield from fill(texture, self._costume.textures[number])
         self._costume = Costume({}, frozenset(), self.mean_light)
 
-    def render(self) -> None:
-        for part, (texture, see_through) in zip(self.mesh.parts, self._drawn, strict=True):
+    def mixes_with(self, other: GpuActor) -> bool:
+        """Whether `render` can draw both as one: they differ by opaque textures alone."""
+        return self.mesh is other.mesh and all(
+            mine[0] is his[0] or not (mine[1] or his[1])
+            for mine, his in zip(self._drawn, other._drawn, strict=True)
+        )
+
+    def render(self, other: GpuActor | None = None) -> None:
+        """other: an actor that `mixes_with` this one, to be drawn with it."""
+        second = self if other is None else other
+        arrays = self.mesh.arrays[:SINGLE] if other is None else self.mesh.arrays[SINGLE:]
+        drawn = zip(self.mesh.parts, self._drawn, second._drawn, strict=True)
+        for part, (texture, see_through), (second_texture, _) in drawn:
             texture.use(0)
-            self.mesh.arrays[int(see_through)].render(
+            if other is not None:
+                second_texture.use(1)
+            arrays[int(see_through)].render(
                 moderngl.TRIANGLES, vertices=part.index_count, first=part.first_index
             )
 

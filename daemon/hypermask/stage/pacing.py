@@ -3,14 +3,16 @@
 The later the pose is latched, the shorter the prediction; but a frame that is not ready at its
 flip costs a whole period. The budget between latch and flip is a high quantile of what latching,
 waking up and drawing lately took, plus a margin that rises with every missed flip and falls
-slowly while all goes well (a stochastic quantile estimate, Robbins and Monro 1951).
+slowly while all goes well (a stochastic quantile estimate, Robbins and Monro 1951). What is to be
+drawn is known before: two faces of a cross-fade have costs of their own, so that already the first
+of its frames is begun early enough.
 
 Pure logic on times: nothing here sleeps or reads a clock.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,23 +56,27 @@ class Pacer:
     def __init__(self, period_s: float, settings: PacingSettings | None = None) -> None:
         self._period_s = period_s
         self._settings = settings or PacingSettings()
-        self._costs: deque[float] = deque(maxlen=self._settings.window_frames)
+        self._costs: dict[int, deque[float]] = defaultdict(
+            lambda: deque(maxlen=self._settings.window_frames)
+        )
         self._margin_s = self._settings.margin_start_s
         self.count = FlipCount()
 
-    @property
-    def budget_s(self) -> float:
-        """Time from latch to flip: what frames cost plus the margin, at most one period."""
-        return min(self._cost() + self._margin_s, self._period_s)
+    def budget_s(self, load: int = 1) -> float:
+        """Time from latch to flip: what frames cost plus the margin, at most one period.
 
-    def latch_s(self, next_flip_s: float) -> float:
+        load: how many characters are to be drawn.
+        """
+        return min(self._cost(load) + self._margin_s, self._period_s)
+
+    def latch_s(self, next_flip_s: float, load: int = 1) -> float:
         """When to take the pose for the flip at `next_flip_s`; in the past means: at once."""
-        return next_flip_s - self.budget_s
+        return next_flip_s - self.budget_s(load)
 
-    def drawn(self, latch_s: float, done_s: float) -> None:
+    def drawn(self, latch_s: float, done_s: float, load: int = 1) -> None:
         """The frame planned to be latched at `latch_s` was finished by the GPU at `done_s`."""
         if np.isfinite(done_s - latch_s):
-            self._costs.append(max(done_s - latch_s, 0.0))
+            self._costs[load].append(max(done_s - latch_s, 0.0))
 
     def flipped(self, planned_s: float, flip_s: float) -> int:
         """The frame meant for `planned_s` was shown at `flip_s`; returns the flips missed."""
@@ -84,8 +90,9 @@ class Pacer:
         )
         return missed
 
-    def _cost(self) -> float:
-        if len(self._costs) < 10:
-            return max([self._settings.start_budget_s, *self._costs])
-        costs = sorted(self._costs)
+    def _cost(self, load: int) -> float:
+        seen = self._costs[load]
+        if len(seen) < 10:
+            return max([self._settings.start_budget_s, *seen])
+        costs = sorted(seen)
         return costs[min(int(self._settings.quantile * len(costs)), len(costs) - 1)]

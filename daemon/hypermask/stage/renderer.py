@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import moderngl
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hypermask.errors import DataError
 from hypermask.mask import Mask
 from hypermask.stage import shaders
 from hypermask.stage.clip import View, view_of
 from hypermask.stage.costume import Costume, make_costume
-from hypermask.stage.gpu_actor import GpuActor, GpuMesh
+from hypermask.stage.eye_discs import eye_discs
+from hypermask.stage.gpu_actor import SINGLE, GpuActor, GpuMesh
 from hypermask.stage.layers import Actor, Positions
 from hypermask.stage.settings import StageSettings
 from hypermask.stage.textures import TextureStock
@@ -27,7 +27,6 @@ from hypermask.stage.textures import TextureStock
 _OVER = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
 _DARKEN = (moderngl.ZERO, moderngl.ONE_MINUS_SRC_ALPHA)
 _ADD = (moderngl.ONE, moderngl.ONE)
-_DISC_SEGMENTS = 32
 _END = object()
 
 
@@ -66,6 +65,8 @@ class StageRenderer:
             self._programs = (
                 context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_FRAGMENT),
                 context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_FRAGMENT),
+                context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_MIX_FRAGMENT),
+                context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_MIX_FRAGMENT),
             )
             self._disc_program = context.program(shaders.DISC_VERTEX, shaders.DISC_FRAGMENT)
             self._composite = context.vertex_array(
@@ -74,16 +75,22 @@ class StageRenderer:
             self._disc_array = self._upload_discs()
         for program in self._programs:
             self._set_outline(program, mask)
+        for program in self._programs[SINGLE:]:
+            uniform(program, "other").value = 1
 
     def load(self, key: str, actor: Actor) -> None:
         """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time."""
         with self._context:
-            costume = make_costume(actor.layers, self._settings.projector_gamma)
+            costume = self.costume(actor)
             mesh = GpuMesh(self._context, actor, self._programs)
             loaded = GpuActor(mesh, self._stock, costume)
             for _ in loaded.fill():
                 pass
             self._put(key, loaded)
+
+    def costume(self, actor: Actor, names: Sequence[str] | None = None) -> Costume:
+        """The textures of an actor (of its layers in `names`) for `dress`."""
+        return make_costume(actor.layers, self._settings.projector_gamma, names)
 
     def dress(self, key: str, like: str, costume: Costume) -> Iterator[None]:
         """Bring an actor with the mesh of the loaded one `like` to the GPU, little by little: a
@@ -215,30 +222,53 @@ class StageRenderer:
         matrix = np.ascontiguousarray(view.matrix.T).tobytes()
         framebuffer.scissor = view.box
         framebuffer.use()
-        self._draw_item(items[0], matrix, brightness)
-        for item in items[1:]:
+        groups = self._groups(items)
+        self._draw_group(groups[0], matrix, brightness)
+        for group in groups[1:]:
             scratch = self._scratch_framebuffer()
             scratch.clear(0.0, 0.0, 0.0, 0.0, viewport=view.box)
             scratch.scissor = view.box
             scratch.use()
-            self._draw_item(item, matrix, brightness)
+            self._draw_group(group, matrix, brightness)
             framebuffer.use()
             self._add(scratch)
         self._draw_discs(matrix)
         framebuffer.scissor = (0, 0, *self._size)
 
-    def _draw_item(self, item: DrawItem, matrix: bytes, brightness: float) -> None:
-        actor = self._actors[item.key]
-        light = min(brightness, 1.0) * item.opacity * self._light_factor(actor)
+    def _groups(self, items: Sequence[DrawItem]) -> list[list[DrawItem]]:
+        """Items one by one, or two by two where they differ by their textures alone: one pass
+        over the mesh then draws both, so that a cross-fade costs hardly more than a face."""
+        groups: list[list[DrawItem]] = []
+        for item in items:
+            last = groups[-1] if groups else []
+            alike = len(last) == 1 and self._alike(last[0], item)
+            if alike:
+                last.append(item)
+            else:
+                groups.append([item])
+        return groups
+
+    def _alike(self, one: DrawItem, other: DrawItem) -> bool:
+        same_places = all(a is b for a, b in zip(one.positions, other.positions, strict=False))
+        return same_places and self._actors[one.key].mixes_with(self._actors[other.key])
+
+    def _draw_group(self, group: Sequence[DrawItem], matrix: bytes, brightness: float) -> None:
+        actors = [self._actors[item.key] for item in group]
+        lights = [
+            min(brightness, 1.0) * item.opacity * self._light_factor(actor)
+            for item, actor in zip(group, actors, strict=True)
+        ]
         context = self._context
         context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         context.depth_func = "<="
         context.blend_func = _OVER
-        for program in self._programs:
+        single = len(group) == 1
+        for program in self._programs[:SINGLE] if single else self._programs[SINGLE:]:
             uniform(program, "clip_from_mask").write(matrix)
-            uniform(program, "light").value = light
-        actor.mesh.stream(item.positions)
-        actor.render()
+            name, value = ("light", lights[0]) if single else ("lights", tuple(lights))
+            uniform(program, name).value = value
+        actors[0].mesh.stream(group[0].positions)
+        actors[0].render(None if single else actors[1])
 
     def _light_factor(self, actor: GpuActor) -> float:
         """What pixel values are multiplied by, so that peak and mean light keep their limits."""
@@ -289,37 +319,3 @@ def uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
     member = program[name]
     assert isinstance(member, moderngl.Uniform)
     return member
-
-
-def eye_discs(mask: Mask, settings: StageSettings) -> NDArray[np.float32]:
-    """Triangles (3 T, 4) float32 on the relief over the eye holes: x, y, z metres, blackness.
-
-    Black within the hole's radius plus the margin, fading out over the soft edge outside.
-    """
-    angles = np.linspace(0, 2 * np.pi, _DISC_SEGMENTS + 1)
-    circle = np.column_stack([np.cos(angles), np.sin(angles)])
-    triangles = [np.zeros((0, 4))]
-    for hole in mask.settings.eye_holes:
-        # the polygon's edges, not its corners, must lie on the circle
-        black = (hole.radius_m + settings.eye_hole_margin_m) / np.cos(np.pi / _DISC_SEGMENTS)
-        centre = np.asarray(hole.centre_m)
-        rings = [
-            _on_relief(mask, centre + circle * radius, blackness)
-            for radius, blackness in (
-                (0.0, 1.0),
-                (black, 1.0),
-                (black + settings.eye_hole_soft_m, 0.0),
-            )
-        ]
-        for inner, outer in pairwise(rings):
-            for corners in (
-                (inner[:-1], outer[:-1], outer[1:]),
-                (inner[:-1], outer[1:], inner[1:]),
-            ):
-                triangles.append(np.stack(corners, axis=1).reshape(-1, 4))
-    return np.concatenate(triangles).astype(np.float32)
-
-
-def _on_relief(mask: Mask, points: NDArray[np.float64], blackness: float) -> NDArray[np.float64]:
-    heights = mask.height(points[:, 0], points[:, 1])
-    return np.column_stack([points, heights, np.full(len(points), blackness)])

@@ -43,10 +43,25 @@ void main() {
 }
 """
 
+_DISCARD = "if (texel.a < 0.004) discard;"
+
 OPAQUE_FRAGMENT = _HEADER + _ACTOR_FRAGMENT.replace("DISCARD", "")
 """For textures without holes: no discard, so that the GPU may test depth early."""
 
-TRANSPARENT_FRAGMENT = _HEADER + _ACTOR_FRAGMENT.replace("DISCARD", "if (texel.a < 0.004) discard;")
+TRANSPARENT_FRAGMENT = _HEADER + _ACTOR_FRAGMENT.replace("DISCARD", _DISCARD)
+
+_MIX_FRAGMENT = _ACTOR_FRAGMENT.replace(
+    "uniform float light;", "uniform sampler2D other;\nuniform vec2 lights;"
+).replace(
+    "colour = vec4(texel.rgb * (light * shade * edge), texel.a);",
+    "vec3 both = texel.rgb * lights.x + texture(other, uv).rgb * lights.y;\n"
+    "    colour = vec4(both * (shade * edge), texel.a);",
+)
+
+OPAQUE_MIX_FRAGMENT = _HEADER + _MIX_FRAGMENT.replace("DISCARD", "")
+"""Two actors that differ by their textures alone, each with its light, as one."""
+
+TRANSPARENT_MIX_FRAGMENT = _HEADER + _MIX_FRAGMENT.replace("DISCARD", _DISCARD)
 
 DISC_VERTEX = (
     _HEADER

@@ -44,15 +44,16 @@ class Cast:
         for name, source in sources.items():
             if source == DOTS:
                 actor, self._dots = dots_actor(mask, _dots_texture())
+                renderer.load(name, actor)
             else:
                 face = Face(load_character(find_character(source)), mask)
-                actor = face.actor
                 if self._face is None:
                     self._face = face
-                    renderer.load(_MODEL, actor)
-                    renderer.reserve(_SPARE_SIZES)
-            renderer.load(name, actor)
+                    renderer.load(_MODEL, face.actor)
+                for _ in renderer.dress(name, _MODEL, renderer.costume(face.actor, WORN)):
+                    pass
             self._names.append(name)
+        renderer.reserve(_SPARE_SIZES if self._face else ())
         self._first = self._names[0]
 
     @property

@@ -119,6 +119,11 @@ class StageWorker:
         self.compute_s: deque[float] = deque(maxlen=KEPT)
         self._latch_s = 0.0
 
+    def load(self, light_s: float) -> int:
+        """How many characters the frame of that light is going to show, by all that is known."""
+        scene = self._board.scene.latest()
+        return 0 if scene is None else len(characters_at(scene, light_s))
+
     def latch(self, now_s: float, light_s: float) -> Picture:
         """What the frame whose light leaves at `light_s` shows, by all that is known now."""
         began = time.perf_counter()
