@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.face import points
-from hypermask.face.mesh import LANDMARKS, Mesh, influence, load_mesh
+from hypermask.face.mesh import RIM, Mesh, influence, load_mesh
 from hypermask.face.mouth import ROUND_JAW, ROW_SHARES
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def carrier() -> Array:
     mesh = load_mesh()
     rows = _led(mesh)
     led = sorted(rows)
-    still = {*points.OVAL, *range(LANDMARKS, mesh.count)} - set(_FREE_RIM) - set(led)
+    still = {*points.OVAL, *RIM} - set(_FREE_RIM) - set(led)
     carried = influence(mesh, led, sorted(still))
     return np.asarray(carried @ np.array([rows[vertex] for vertex in led]))
 
@@ -129,7 +129,8 @@ def _brows(mesh: Mesh) -> dict[int, Array]:
     rows: dict[int, Array] = {}
     for side, line in (("left", points.LEFT_BROW), ("right", points.RIGHT_BROW)):
         names = tuple(f"brow_{part}_{side}" for part in ("outer", "middle", "inner"))
-        rows |= _along(mesh, line, [FEATURE_POINTS[name] for name in names], names)
+        whole = (*line, *mesh.among(line))
+        rows |= _along(mesh, whole, [FEATURE_POINTS[name] for name in names], names)
     return rows
 
 

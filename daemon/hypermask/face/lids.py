@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.face import points
-from hypermask.face.mesh import LANDMARKS, Mesh, influence
+from hypermask.face.mesh import RIM, Mesh, influence
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ def make_lids(mesh: Mesh) -> Lids:
     still = {*points.LEFT_BROW, *points.RIGHT_BROW, *points.NOSE, *points.OVAL}
     still |= {*points.LIPS_OUTER, *points.LIPS_INNER, 33, 133, 362, 263}
     still |= {points.FEATURES["cheek_left"], points.FEATURES["cheek_right"]}
-    still |= set(range(LANDMARKS, mesh.count))
+    still |= {*RIM, *mesh.among([*points.LEFT_BROW, *points.RIGHT_BROW])}
     moved = [*upper, *lower]
     carrier = influence(mesh, moved, sorted(still - set(moved)))
     return Lids(np.array(upper, np.int32), np.array(lower, np.int32), carrier)

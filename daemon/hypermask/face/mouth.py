@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hypermask.errors import UsageError
 from hypermask.face import points
-from hypermask.face.mesh import LANDMARKS, Mesh, influence
+from hypermask.face.mesh import RIM, Mesh, influence
 
 Array = NDArray[np.float64]
 
@@ -121,7 +121,12 @@ def _between(moved: list[int], rows: list[int]) -> Array:
 def _still(mesh: Mesh, moved: Sequence[int]) -> list[int]:
     """What the mouth does not move: eyes, brows, nose, the sides above the jaw, the rim."""
     still = {*points.LEFT_EYE, *points.RIGHT_EYE, *points.LEFT_BROW, *points.RIGHT_BROW}
-    still |= {*points.NOSE, *points.OVAL, *range(LANDMARKS, mesh.count)}
+    still |= {
+        *points.NOSE,
+        *points.OVAL,
+        *RIM,
+        *mesh.among([*points.LEFT_BROW, *points.RIGHT_BROW]),
+    }
     return sorted(still - set(moved))
 
 

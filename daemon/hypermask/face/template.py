@@ -3,7 +3,10 @@
     python -m hypermask.face.template FOLDER
 
 The mean of all faces, made symmetric, is laid on to the mask: pupils, nose, mouth and chin go to
-where the mask has them. The triangles are our own: Delaunay's of that shape, with the openings of
+where the mask has them. The landmarks are dense where a network finds them well, at the nostrils
+and beside the nose; a face needs its brows. So points are added half-way between landmarks of the
+brows and around them, and as many triangles' corners are taken where landmarks lie closest and
+nothing moves by itself. The triangles are our own: Delaunay's of that shape, with the openings of
 eyes and mouth taken out, and a rim around that lies outside the mask's outline.
 """
 
@@ -15,12 +18,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hypermask.face import points as named
+from hypermask.face.features import FEATURE_POINTS
 from hypermask.face.mesh import HALF_HEIGHT_M, HALF_WIDTH_M, LANDMARKS, Mesh, even_lips, save_mesh
-from hypermask.face.points import (
-    LOWER_LIP_INNER,
-    OPENINGS,
-    UPPER_LIP_INNER,
-)
+from hypermask.face.points import LOWER_LIP_INNER, OPENINGS, UPPER_LIP_INNER
+from hypermask.texture.fit import PAPER_LANDMARKS
 from hypermask.texture.landmarks import FaceFinder, Landmarks
 from hypermask.texture.photo import load_photo
 
@@ -29,6 +31,15 @@ Array = NDArray[np.float64]
 PUPIL_DISTANCE_MM = 62.0
 _LIP_GAP_MM = 0.7
 _LIP_REACH_MM = 20.0
+_NEAR_OPENING_MM = 7.0
+_THINNED_PAIRS = 22
+"""So many landmarks on each side are no corner; none as near as that to an eye or to the lips."""
+_BROW_BETWEEN = (
+    *((70, 63), (63, 105), (105, 66), (66, 107), (46, 53), (53, 52), (52, 65), (65, 55)),
+    *((63, 53), (105, 52), (66, 65), (107, 55), (63, 46), (105, 53), (66, 52), (107, 65)),
+)
+"""Pairs of landmarks of the audience's left brow, and of the skin above it: in the middle of each
+the mesh has one more point. The other brow has their mirror images."""
 # (height above the pupils in a face with 62 mm between them, height on the mask), both in mm:
 # below the chin, chin, mouth, under the nose, tip, pupils, brows, top of the forehead.
 _HEIGHTS = (
@@ -101,11 +112,47 @@ def _rim() -> Array:
     return np.array(top + [(-x, -y) for x, y in top])
 
 
-def triangulate(points: Array) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """(triangles, holes), both anti-clockwise."""
+def halfway_points(mirror: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(n, 2) pairs of landmarks with a point half-way: those of one brow, then their mirrors."""
+    left = np.array(_BROW_BETWEEN, np.int32)
+    return np.concatenate([left, mirror[left]])
+
+
+def thinned(points: Array, mirror: NDArray[np.int32], pairs: int) -> NDArray[np.intp]:
+    """Landmarks that are to be no triangle's corner: pair by pair those that lie closest to others.
+
+    What has a name in `hypermask.face.points`, and what is near an eye or the lips, stays.
+    """
+    loose = _nameless(points)
+    kept = np.ones(len(points), bool)
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=2)
+    np.fill_diagonal(gaps, np.inf)
+    for _ in range(pairs):
+        spacing = np.where(kept, gaps, np.inf).min(axis=1)
+        first = int(np.where(loose & kept, spacing, np.inf)[:LANDMARKS].argmin())
+        kept[[first, mirror[first]]] = False
+    return np.flatnonzero(~kept)
+
+
+def _nameless(points: Array) -> NDArray[np.bool_]:
+    loose = np.zeros(len(points), bool)
+    loose[:LANDMARKS] = True
+    edges = [*named.LEFT_EYE, *named.RIGHT_EYE, *named.LIPS_OUTER, *named.LIPS_INNER]
+    far = np.linalg.norm(points[:, None] - points[edges], axis=2).min(axis=1)
+    loose &= far > _NEAR_OPENING_MM
+    for some in (named.OVAL, named.JAW, named.NOSE, named.LEFT_BROW, named.RIGHT_BROW):
+        loose[list(some)] = False
+    loose[[*named.FEATURES.values(), *FEATURE_POINTS.values(), *PAPER_LANDMARKS]] = False
+    return loose
+
+
+def triangulate(
+    points: Array, kept: NDArray[np.intp]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """(triangles, holes) of the points `kept`, both anti-clockwise."""
     from scipy.spatial import Delaunay
 
-    triangles = Delaunay(points).simplices.astype(np.int32)
+    triangles = kept[Delaunay(points[kept]).simplices].astype(np.int32)
     a, b, c = (points[triangles[:, k]] for k in range(3))
     turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     triangles[turn < 0] = triangles[turn < 0][:, ::-1]
@@ -179,9 +226,14 @@ def make_mesh(faces: list[Landmarks]) -> Mesh:
     partner = np.linalg.norm(rim[:, None] - reflected[None], axis=2).argmin(axis=1)
     points = with_lips(points, _LIP_GAP_MM)
     points[:LANDMARKS] = even_lips(points[:LANDMARKS])
-    triangles, holes = triangulate(points)
-    whole = np.concatenate([mirror, LANDMARKS + partner]).astype(np.int32)
-    return Mesh(points / 1000, triangles, holes, whole)
+    between = halfway_points(mirror)
+    count, pairs = len(points), len(between) // 2
+    points = np.concatenate([points, points[between].mean(axis=1)])
+    order = np.arange(2 * pairs)
+    whole = np.concatenate([mirror, LANDMARKS + partner, count + np.roll(order, pairs)])
+    kept = np.setdiff1d(np.arange(len(points)), thinned(points, whole, _THINNED_PAIRS))
+    triangles, holes = triangulate(points, kept)
+    return Mesh(points / 1000, triangles, holes, whole.astype(np.int32), between)
 
 
 def main() -> None:
@@ -190,7 +242,11 @@ def main() -> None:
     faces = [finder.find(load_photo(photo)) for photo in photos]
     mesh = make_mesh(faces)
     save_mesh(mesh, Path(__file__).with_name("mesh.json"))
-    print(f"{len(faces)} faces, {mesh.count} points, {len(mesh.triangles)} triangles")
+    riders = len(mesh.riders[0])
+    print(
+        f"{len(faces)} faces, {mesh.count} points, {riders} of them no corners, "
+        f"{len(mesh.triangles)} triangles"
+    )
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hypermask.face.mesh import LANDMARKS, even_lips, load_mesh
+from hypermask.face.mesh import RIM, even_lips, load_mesh
 from hypermask.face.points import LIP_COLUMNS, OVAL
 from hypermask.texture.fit import hardy_fit
 
@@ -92,7 +92,7 @@ def normalise(
 
 
 def interpolated(values: NDArray[np.float32], size: int = SIZE) -> NDArray[np.float32]:
-    """(size, size, c) from values at the mesh's vertices (480, c)."""
+    """(size, size, c) from values at the mesh's vertices (V, c)."""
     corners, weights = _columns(size)
     total = np.take(values, corners[0], axis=0) * weights[0]
     for column in (1, 2):
@@ -110,13 +110,14 @@ def _columns(size: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
 
 
 def _vertices_in_photo(landmarks: Array) -> Array:
-    """(480, 2) pixels: the landmarks, and the rim by the affine map of the face's outline."""
-    rest = load_mesh().rest
+    """(V, 2) pixels: the landmarks, and the rim by the affine map of the face's outline."""
+    mesh = load_mesh()
+    rest = mesh.rest
     outline = list(OVAL)
     known = np.column_stack([rest[outline], np.ones(len(outline))])
     affine = np.linalg.lstsq(known, landmarks[outline], rcond=None)[0]
-    rim = np.column_stack([rest[LANDMARKS:], np.ones(len(rest) - LANDMARKS)]) @ affine
-    return np.concatenate([even_lips(_inside_lips(landmarks)), rim])
+    rim = np.column_stack([rest[list(RIM)], np.ones(len(RIM))]) @ affine
+    return mesh.halfway(np.concatenate([even_lips(_inside_lips(landmarks)), rim]))
 
 
 def _inside_lips(landmarks: Array) -> Array:
