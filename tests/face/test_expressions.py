@@ -7,7 +7,7 @@ import pytest
 
 from hypermask import paths
 from hypermask.errors import ConfigError, DataError, HypermaskError, UsageError
-from hypermask.face.action_units import COUNT, unit_weights
+from hypermask.face.action_units import COUNT, NUMBERS, unit_weights
 from hypermask.face.arkit import BLENDSHAPES, from_arkit
 from hypermask.face.expressions import (
     Expression,
@@ -19,7 +19,7 @@ from hypermask.face.expressions import (
 from hypermask.face.face import deform, load_rig
 from hypermask.face.features import FEATURE_POINTS
 from hypermask.face.mouth import CONTROL_POINTS, MOUTH_PARAMETERS
-from hypermask.face.mpeg4 import FAPS, from_mpeg4
+from hypermask.face.mpeg4 import FAPS, FAPU_MM, from_mpeg4
 
 RIG = load_rig()
 REST = RIG.mesh.rest * 1000
@@ -38,7 +38,9 @@ def _file(folder: Path, text: str) -> Path:
 
 
 def _moved(drive) -> np.ndarray:
-    return deform(RIG, None, drive.mouth, 0.0, drive.units)[0] * 1000 - REST
+    """(V, 3) mm: to the audience's right, up, forward."""
+    flat, out = deform(RIG, None, drive.mouth, 0.0, drive.units)
+    return np.column_stack([flat * 1000 - REST, out * 1000])
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -123,7 +125,7 @@ def test_all_52_blendshapes_move_the_face() -> None:
     assert len(BLENDSHAPES) == 52
     for name in BLENDSHAPES:
         drive = from_arkit({name: 1.0})
-        moved = np.hypot(*_moved(drive).T).max() + np.abs(drive.gaze).max()
+        moved = np.hypot(*_moved(drive)[:, :2].T).max() + np.abs(drive.gaze).max()
         assert moved > 0.2, name
 
 
@@ -168,9 +170,53 @@ def test_face_animation_parameters_mean_what_the_standard_means() -> None:
     assert wide.mouth[MOUTH_PARAMETERS.index("corner_horizontal")] > 0
     assert from_mpeg4({23: 30000, 24: 30000}).gaze[0] == pytest.approx(0.3)
     brow = _moved(from_mpeg4({"raise_l_i_eyebrow": 200}))
-    assert brow[FEATURE_POINTS["brow_inner_right"], 1] == pytest.approx(200 / 1024 * 49, rel=0.1)
+    assert brow[FEATURE_POINTS["brow_inner_right"], 1] == pytest.approx(200 / 1024 * 58.7, rel=0.1)
     shut = deform(RIG, units=from_mpeg4({19: 1024, 20: 1024}).units)[0] * 1000
     assert np.abs(shut[RIG.lids.upper, 1] - shut[RIG.lids.lower, 1]).max() < 0.1
+
+
+FAP_DIRECTIONS = {
+    # ISO/IEC 14496-2, table of FAP definitions: the feature point and where a positive value takes
+    # it; x and y as the audience sees them, so the face's own left is +x.
+    3: (152, "-y"), 4: (13, "-y"), 5: (14, "+y"), 6: (291, "+x"), 7: (61, "-x"), 8: (269, "-y"),
+    9: (39, "-y"), 10: (402, "+y"), 11: (178, "+y"), 12: (291, "+y"), 13: (61, "+y"),
+    14: (152, "+z"), 15: (152, "-x"), 16: (14, "+z"), 17: (13, "+z"), 18: (200, "+y"),
+    19: (386, "-y"), 20: (159, "-y"), 21: (374, "+y"), 22: (145, "+y"), 31: (336, "+y"),
+    32: (107, "+y"), 33: (334, "+y"), 34: (105, "+y"), 35: (300, "+y"), 36: (70, "+y"),
+    37: (336, "-x"), 38: (107, "+x"), 39: (280, "+x"), 40: (50, "-x"), 41: (280, "+y"),
+    42: (50, "+y"), 51: (0, "-y"), 52: (17, "+y"), 53: (291, "+x"), 54: (61, "-x"),
+    55: (269, "-y"), 56: (39, "-y"), 57: (405, "+y"), 58: (181, "+y"), 59: (291, "+y"),
+    60: (61, "+y"), 61: (358, "+x"), 62: (129, "-x"), 63: (4, "+y"),
+}  # fmt: skip
+FAP_GAZE = {23: (0, 1), 24: (0, 1), 25: (1, -1), 26: (1, -1)}
+FAP_TONGUE = {43: "37", 45: "19"}
+
+
+def test_every_parameter_moves_its_point_the_standards_way() -> None:
+    """And a negative value the other way, where the face has such a movement."""
+    for number, (vertex, way) in FAP_DIRECTIONS.items():
+        axis, sign = "xyz".index(way[1]), 1 if way[0] == "+" else -1
+        there, back = (_moved(from_mpeg4({number: v}))[vertex, axis] * sign for v in (300, -300))
+        assert there > 0.2 or back < -0.2, (number, there, back)
+        assert there > -0.1 and back < 0.1, (number, there, back)
+    for number, (axis, sign) in FAP_GAZE.items():
+        assert from_mpeg4({number: 20000}).gaze[axis] * sign > 0.09
+    for number, unit in FAP_TONGUE.items():
+        assert from_mpeg4({number: 300}).units[2 * NUMBERS.index(int(unit)) :][:2].max() > 0.1
+    covered = {*FAP_DIRECTIONS, *FAP_GAZE, *FAP_TONGUE}
+    assert covered == {number for number, row in FAPS.items() if row[2]} and len(covered) == 51
+
+
+def test_the_units_are_the_distances_between_the_standards_points() -> None:
+    between = {
+        "MNS": REST[2, 1] - REST[13, 1],
+        "MW": REST[291, 0] - REST[61, 0],
+        "IRISD": REST[386, 1] - REST[374, 1],
+        "ENS": 25.0 - REST[2, 1],
+        "ES": 62.0,
+    }
+    for name, value in between.items():
+        assert FAPU_MM[name] == pytest.approx(value, abs=0.06), name
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,16 @@
 """MPEG-4 face animation parameters on to action units, the mouth's parameters and the gaze.
 
-The 66 low-level parameters of ISO/IEC 14496-2, Annex C: whole numbers, 1024 of which are
-one of the face's own distances (FAPU), angles in 1e-5 rad; left and right are the face's own.
-Head rotations (48 to 50), pupils and ears move nothing here and are accepted.
+The 66 low-level parameters of ISO/IEC 14496-2, Annex C (table of FAP definitions; 1 and 2 are the
+high-level visemes and expressions): whole numbers, 1024 of which are one of the face's own
+distances (FAPU), angles in 1e-5 rad; left and right are the face's own. Numbers, names, units and
+positive directions agree, for all 66, with the tables of two players of such streams, Xface (the
+direction of every parameter) and Greta (direction, unit and feature point of every parameter). The
+distances are those of the standard's feature points, as both players measure them:
+IRISD0 = 3.1.y - 3.3.y (the lids' distance), ES0 = 3.5.x - 3.6.x, ENS0 = 3.5.y - 9.15.y,
+MNS0 = 9.15.y - 2.2.y, MW0 = 8.3.x - 8.4.x.
+
+Head rotations (48 to 50), the pupils' size, thrust eyeballs, the tongue's height and roll, a bent
+nose and the ears move nothing here and are accepted.
 """
 
 from __future__ import annotations
@@ -12,8 +20,11 @@ from collections.abc import Mapping
 from hypermask.errors import UsageError
 from hypermask.face.drive import Drive
 
-FAPU_MM = {"MNS": 22.0, "MW": 55.5, "IRISD": 12.4, "ENS": 49.0, "ES": 62.0}
-"""Mouth to nose, mouth width, iris, eye to nose, between the eyes: of the mesh at rest."""
+FAPU_MM = {"MNS": 22.7, "MW": 55.5, "IRISD": 11.5, "ENS": 58.7, "ES": 62.0}
+"""Mouth to nose, mouth width, between the lids, eye to nose, between the eyes: of the mesh at rest.
+
+The nose's point is 9.15, where it meets the upper lip.
+"""
 _HALF_WIDTH_MM = 27.73
 _ANGLE = 1e-5
 
@@ -43,8 +54,8 @@ FAPS: dict[int, Row] = {
     16: ("push_b_lip", "MNS", (_m(1, "lower_lip_upper_depth"), _m(1, "lower_lip_lower_depth"))),
     17: ("push_t_lip", "MNS", (_m(1, "upper_lip_upper_depth"), _m(1, "upper_lip_lower_depth"))),
     18: ("depress_chin", "MNS", ((5.5, "17"),)),
-    19: ("close_t_l_eyelid", "IRISD", ((10.5, "43L"), (-4.6, "5L"))),
-    20: ("close_t_r_eyelid", "IRISD", ((10.5, "43R"), (-4.6, "5R"))),
+    19: ("close_t_l_eyelid", "IRISD", ((11.5, "43L"), (-4.6, "5L"))),
+    20: ("close_t_r_eyelid", "IRISD", ((11.5, "43R"), (-4.6, "5R"))),
     21: ("close_b_l_eyelid", "IRISD", ((2.6, "7L"),)),
     22: ("close_b_r_eyelid", "IRISD", ((2.6, "7R"),)),
     23: ("yaw_l_eyeball", "AU", ((2.0, "gaze_right"),)),
