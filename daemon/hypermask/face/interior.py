@@ -22,11 +22,13 @@ _TONGUE_GRID = (7, 7)
 _TONGUE_WIDTH, _TONGUE_M, _TONGUE_GAP_M = 0.46, 0.009, 0.005
 _EYE_GRID = (17, 13)
 _TEETH_COLUMNS = 17
-_TEETH_HALF_WIDTH = 0.80
+_TEETH_HALF_WIDTH, _TEETH_HALF_MM = 0.98, 37.3
+_TEETH_BEND = 0.3
+"""How much of the lips' curve the rows of teeth follow: the jaws are stiff."""
 _UPPER_SHARE, _LOWER_SHARE = 0.50, 0.24
 _UPPER_SHOWN_M, _LOWER_SHOWN_M = 0.0080, 0.0042
 _HIDDEN_GAP_M, _WELL_OPEN_M, _BEHIND_LIP_M = 0.0012, 0.0040, 0.0030
-_UPPER_HEIGHT, _LOWER_HEIGHT = 0.34, 0.26
+_UPPER_HEIGHT, _LOWER_HEIGHT = 0.40, 0.28
 """In half widths of the mouth."""
 
 
@@ -163,13 +165,13 @@ def teeth_places(flat: Array, half_width: float) -> tuple[Array, Array]:
     corners = float(upper_lip[-1, 0] - upper_lip[0, 0]) / 2
     x = np.linspace(-1, 1, _TEETH_COLUMNS) * half_width * _TEETH_HALF_WIDTH
     reach = np.clip(x / max(corners, 1e-6), -1, 1) * corners
-    top = np.interp(reach, upper_lip[:, 0], upper_lip[:, 1])
-    bottom = np.interp(reach, lower_lip[:, 0], lower_lip[:, 1])
-    gap = np.maximum(top - bottom, 0)
-    open_gap = np.maximum(gap - _HIDDEN_GAP_M, 0)
+    top, bottom = (np.interp(reach, lip[:, 0], lip[:, 1]) for lip in (upper_lip, lower_lip))
+    middle = _TEETH_COLUMNS // 2
+    open_gap = max(float(top[middle] - bottom[middle]) - _HIDDEN_GAP_M, 0.0)
+    top, bottom = (lip[middle] + _TEETH_BEND * (lip - lip[middle]) for lip in (top, bottom))
     width = np.clip(corners / (half_width * 0.87), 0, 1) ** 2
-    shown = np.minimum(_UPPER_SHARE * open_gap, _smile(x, half_width) * _UPPER_SHOWN_M * width)
     hidden = _BEHIND_LIP_M * np.clip(1 - open_gap / _WELL_OPEN_M, 0, 1)
+    shown = np.minimum(_UPPER_SHARE * open_gap, _smile(x, half_width) * _UPPER_SHOWN_M * width)
     upper_edge = top - shown + hidden
     shown = np.minimum(_LOWER_SHARE * open_gap, _LOWER_SHOWN_M * width)
     lower_edge = bottom + shown - hidden
@@ -197,7 +199,7 @@ def _teeth_texture(upper: bool, width: int = 256, height: int = 64) -> Image:
     """A row of teeth with rounded edges; what is not a tooth is transparent, gums are pink."""
     widths = (8.5, 7.0, 7.6, 7.2, 7.0) if upper else (5.6, 6.0, 7.0, 7.2, 7.2)
     edges = np.cumsum((0.0, *widths))
-    half = 30.0
+    half = _TEETH_HALF_MM
     x, y = np.meshgrid(
         ((np.arange(width) + 0.5) / width * 2 - 1) * half, (np.arange(height) + 0.5) / height
     )
@@ -210,7 +212,7 @@ def _teeth_texture(upper: bool, width: int = 256, height: int = 64) -> Image:
     alpha = np.clip((length - 0.10 * corner**2 - y) * height / 2, 0, 1)
     gap = 1 - 0.38 * np.clip((np.abs(across) - 0.80) / 0.20, 0, 1) ** 2
     shade = gap * (0.90 + 0.10 * np.sqrt(np.clip(1 - across**2, 0, 1)))
-    shade *= (0.97 - 0.42 * (np.abs(x) / half) ** 2) * (0.82 + 0.18 * y)
+    shade *= (0.97 - 0.75 * (np.abs(x) / half) ** 2) * (0.82 + 0.18 * y)
     colour = shade[..., None] * (255, 252, 242)
     gum = np.clip((0.16 + 0.10 * corner - y) / 0.05, 0, 1)[..., None]
     colour = colour * (1 - gum) + gum * (186, 104, 104)
