@@ -76,7 +76,7 @@ _FULLNESS = 0.16
 """A lip brought forward looks fuller: its edge moves outwards by this share of the depth."""
 _OPENING = [4, 6, 8]
 _LEAST_THICKNESS = 0.35
-_PROFILE = 1.0
+_PROFILE = 0.75
 ROW_SHARES = (0.4, 0.75)
 """Where the two rows inside a lip lie between its outer and its inner outline."""
 ROUND_JAW = (0.15, 0.42, 0.66, 0.84, 0.94, 0.98, 1.0, 1.0, 1.0, 0.98, 0.94, 0.84, 0.66, 0.42, 0.15)
