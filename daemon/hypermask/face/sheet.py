@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +17,6 @@ from hypermask.face.face import Face, Positions
 from hypermask.face.mouth import MOUTH_SHAPES
 from hypermask.mask import Mask
 from hypermask.stage.layers import MeshLayer
-from hypermask.texture.normalise import rasterise
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -117,7 +117,7 @@ def front_view(
     picture = np.zeros((size[1], size[0], 3), np.float32)
     for layer, places in zip(face.actor.layers, positions, strict=True):
         flat = places[:, :2].astype(float) * (1, -1) * scale + np.array(size) / 2 - 0.5
-        _paint(picture, layer, flat)
+        paint(picture, layer, flat)
     xs, ys = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
     x, y = (xs - size[0] / 2) / scale, (size[1] / 2 - ys) / scale
     picture[~_lit(face.mask, x, y, eye_holes)] = 0
@@ -144,7 +144,7 @@ def turned_view(
         seen = (places.astype(float) - middle) @ (about_x @ about_y).T
         flat = seen[:, :2] * (1, -1) * scale + np.array(size) / 2 - 0.5
         far_first = np.argsort(seen[layer.triangles, 2].mean(axis=1))
-        _paint(
+        paint(
             picture,
             replace(layer, triangles=layer.triangles[far_first]),
             flat,
@@ -162,7 +162,7 @@ def _canvas(mask: Mask, pixels_per_mm: float) -> tuple[float, tuple[int, int]]:
     return scale, (width, height)
 
 
-def _lit(mask: Mask, x: Array, y: Array, eye_holes: bool) -> NDArray[np.bool_]:
+def _lit(mask: Mask, x: NDArray[Any], y: NDArray[Any], eye_holes: bool) -> NDArray[np.bool_]:
     """Where light may fall on the mask: within its outline, not into the eye holes."""
     lit = mask.inside(x, y)
     for hole in mask.settings.eye_holes if eye_holes else ():
@@ -176,11 +176,11 @@ def _smaller(picture: NDArray[np.float32]) -> Image:
     return np.asarray(np.clip(smooth + 0.5, 0, 255), np.uint8)
 
 
-def _paint(
+def paint(
     picture: NDArray[np.float32],
     layer: MeshLayer,
     flat: Array,
-    lit: Callable[[Array, Array], NDArray[np.bool_]] | None = None,
+    lit: Callable[[NDArray[Any], NDArray[Any]], NDArray[np.bool_]] | None = None,
     places: Positions | None = None,
 ) -> None:
     """Lay a layer over the picture: flat (V, 2) pixels; lit: which places of the mask show it."""
@@ -188,19 +188,46 @@ def _paint(
     low = np.clip(np.floor(flat.min(axis=0)).astype(int) - 1, 0, (width - 1, height - 1))
     high = np.clip(np.ceil(flat.max(axis=0)).astype(int) + 2, low + 1, (width, height))
     box = high - low
-    raster = rasterise(flat - low, layer.triangles, (int(box[0]), int(box[1])))
+    number = np.full((int(box[1]), int(box[0])), -1, np.int32)
+    outlines = np.round((flat - low) * 16).astype(np.int32)[layer.triangles]
+    for k, outline in enumerate(outlines):
+        cv2.fillConvexPoly(number, outline, k, lineType=cv2.LINE_8, shift=4)
     size = np.array(layer.texture.shape[1::-1], float)
-    place = (layer.uv * size - 0.5).astype(np.float32)[raster.corners]
-    where = np.einsum("ijk,ijkl->ijl", raster.weights, place).astype(np.float32)
-    colour = cv2.remap(
-        layer.texture, where[..., 0], where[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
-    )
-    alpha = colour[..., 3:].astype(np.float32) / 255 * raster.covered[..., None]
+    x, y = _mapped(flat - low, layer.triangles, layer.uv * size - 0.5, number)
+    colour = cv2.remap(layer.texture, x, y, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+    alpha = colour[..., 3:].astype(np.float32) / 255 * (number >= 0)[..., None]
     if lit is not None and places is not None:
-        on_mask = np.einsum("ijk,ijkl->ijl", raster.weights, places[raster.corners][..., :2])
-        alpha *= lit(on_mask[..., 0], on_mask[..., 1])[..., None]
+        where = _mapped(flat - low, layer.triangles, places[:, :2], number)
+        alpha *= lit(*where)[..., None]
     part = picture[low[1] : high[1], low[0] : high[0]]
     part += alpha * (colour[..., :3].astype(np.float32) - part)
+
+
+def _mapped(
+    flat: Array, triangles: NDArray[np.int32], values: NDArray[Any], number: NDArray[np.int32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Both columns of values (V, 2) at every pixel, (h, w) each; number: (h, w) its triangle.
+
+    Within a triangle a value is a + b x + c y, so a pixel needs its triangle's three numbers only.
+    """
+    a, b, c = (flat[triangles[:, k]] for k in range(3))
+    u, v = b - a, c - a
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    area = np.where(np.abs(area) < 1e-9, 1e-9, area)[:, None]
+    of_a, of_b, of_c = (values[triangles[:, k]].astype(float) for k in range(3))
+    along_u, along_v = of_b - of_a, of_c - of_a
+    per_x = (along_u * v[:, 1:] - along_v * u[:, 1:]) / area
+    per_y = (along_v * u[:, :1] - along_u * v[:, :1]) / area
+    start = of_a - per_x * a[:, :1] - per_y * a[:, 1:]
+    xs = np.arange(number.shape[1], dtype=np.float32)
+    ys = np.arange(number.shape[0], dtype=np.float32)[:, None]
+    first, second = (
+        np.take(start[:, k].astype(np.float32), number)
+        + np.take(per_x[:, k].astype(np.float32), number) * xs
+        + np.take(per_y[:, k].astype(np.float32), number) * ys
+        for k in range(2)
+    )
+    return first, second
 
 
 def titled(picture: Image, title: str) -> Image:
