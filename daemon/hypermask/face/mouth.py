@@ -174,7 +174,7 @@ def _wide_opening(mesh: Mesh, moved: list[int]) -> Array:
     for line, up in ((points.UPPER_LIP_INNER, 1.0), (points.LOWER_LIP_INNER, -1.0)):
         x = mesh.rest[list(line), 0]
         s = np.abs(x) / np.abs(x).max()
-        field[[place[vertex] for vertex in line], 1] = up * 0.5 * s**2 * (1 - s**4)
+        field[[place[vertex] for vertex in line], 1] = up * 0.3 * s**2 * (1 - s**4)
     return field
 
 

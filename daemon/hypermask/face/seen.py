@@ -1,16 +1,19 @@
-"""The face seen from outside: the landmark models' findings on the rendered face, against FACS.
+"""The face seen from outside: what units and mouth parameters do in pictures of it, against FACS.
 
     python -m hypermask.face.seen [CHARACTER]
 
-prints the tables. What is measured knows nothing of the mesh: a picture of the mask goes to the
-landmark network, which was trained on photographs.
+prints the tables. What is measured knows nothing of the mesh. A picture of the mask goes to the
+landmark network, which was trained on photographs. What that cannot see, depth and what moves by
+less than its noise, and how purely each mouth parameter moves its own control point, is measured by
+dots painted on the skin (`hypermask.face.markers`).
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,8 +23,9 @@ from hypermask import paths
 from hypermask.face.action_units import NUMBERS, load_action_units
 from hypermask.face.character import find_character, load_character
 from hypermask.face.emotions import EMOTIONS
-from hypermask.face.face import Face, deform, load_rig
+from hypermask.face.face import Face, Positions, deform, load_rig
 from hypermask.face.features import MIDDLE, PAIRS
+from hypermask.face.markers import Markers
 from hypermask.face.mouth import CONTROL_POINTS, MOUTH_PARAMETERS, MOUTH_SHAPES
 from hypermask.face.sheet import front_view
 from hypermask.mask import load_mask
@@ -30,6 +34,7 @@ from hypermask.texture.landmarks import FaceFinder
 Array = NDArray[np.float64]
 
 PIXELS_PER_MM = 1.8
+_SCALES = (1.5, 1.65, 1.8, 1.95, 2.1)
 
 EXPECTED: dict[int, Mapping[str, str]] = {
     # What the manual says a unit does to a point: up, down, out (away from the middle), in.
@@ -73,16 +78,33 @@ EXPECTED: dict[int, Mapping[str, str]] = {
     45: {"lid_upper": "down"},
     46: {"lid_upper": "down"},
 }
-UNSEEN = {
-    5: "the network's lids hardly follow eyes that are opened wider",
-    29: "the jaw comes forward, towards the viewer",
-    31: "a bulge at the jaw's corner, which has no landmark",
-    39: "the network's nostrils follow by 0.3 mm only, which is its noise",
-    34: "cheeks puffed towards the viewer",
+UNSEEN: dict[int, tuple[str, Mapping[str, str]]] = {
+    5: ("the network's lids hardly follow eyes that are opened wider", {"lid_upper": "up"}),
+    29: ("the jaw comes forward, towards the viewer", {"chin": "forward"}),
+    31: ("a bulge at the jaw's corner, which has no landmark", {"cheek": "out", "chin": "up"}),
+    34: ("cheeks puffed towards the viewer", {"cheek": "out forward", "fold": "forward"}),
+    39: ("the network's nostrils follow by 0.3 mm only, which is its noise", {"nose_wing": "in"}),
 }
-"""Units whose main movement the landmarks cannot show from the front, and why."""
+"""Units whose main movement the landmarks cannot show from the front: why, and what it is."""
 
-_WAYS = {"up": (1, 1.0), "down": (1, -1.0), "out": (0, 1.0), "in": (0, -1.0), "left": (2, 1.0)}
+_WAYS = {
+    "up": (1, 1.0),
+    "down": (1, -1.0),
+    "out": (0, 1.0),
+    "in": (0, -1.0),
+    "left": (2, 1.0),
+    "forward": (3, 1.0),
+}
+MOUTH_START = np.array([0.04, 0.0, -0.04, 0.0, -0.24, 0.0, -0.30, 0.0, -0.12, 0.0, 0.0, 0.0, 0.0])
+"""Half open, with lips so full that none of their edges is in another's way."""
+MOUTH_FULL = np.array(
+    [0.20, 0.36, 0.20, 0.36, -0.24, 0.36, -0.30, 0.36, -0.60, 0.30, 0.30, 0.30, 0.36]
+)
+"""How far each parameter goes, in half widths: about as far as the six reference shapes take it, no
+farther than the lip has room without the lip's other edge."""
+_OWN = ((0,), (0,), (1,), (1,), (2,), (2,), (3,), (3,), (4,), (5, 6), (5, 6), (5, 6), ())
+_AXES = (1, 2, 1, 2, 1, 2, 1, 2, 1, 1, 0, 2, 0)
+"""The control points of each parameter, in `CONTROL_POINTS`, and the axis it moves them along."""
 
 
 class Viewer:
@@ -93,27 +115,39 @@ class Viewer:
         self.face = Face(load_character(find_character(character)), mask)
         self._finder = FaceFinder()
         self.neutral = self.landmarks()
+        self.markers = Markers(self.face)
 
-    def landmarks(self, **asked: Any) -> Array:
-        """(468, 2) mm on the mask as the network finds them; asked: as of `Face.positions`."""
+    def landmarks(self, scales: Sequence[float] = (PIXELS_PER_MM,), **asked: Any) -> Array:
+        """(468, 2) mm on the mask as the network finds them; asked: as of `Face.positions`.
+
+        scales: pixels for a millimetre; the mean over pictures of several sizes has less noise.
+        """
         places = self.face.positions(**asked)
-        picture = front_view(self.face, places, PIXELS_PER_MM, eye_holes=False)
+        return np.asarray(np.mean([self._found(places, scale) for scale in scales], axis=0))
+
+    def _found(self, places: tuple[Positions, ...], scale: float) -> Array:
+        picture = front_view(self.face, places, scale, eye_holes=False)
         found = self._finder.find(np.ascontiguousarray(picture[..., ::-1])).points[:, :2]
         middle = (np.array(picture.shape[1::-1]) - 1) / 2
-        return np.asarray((found - middle) * (1, -1) / PIXELS_PER_MM)
+        return np.asarray((found - middle) * (1, -1) / scale)
 
     def change(self, **asked: Any) -> Array:
         """(468, 2) mm: the landmarks' movement from the neutral face."""
         return self.landmarks(**asked) - self.neutral
 
 
-def along(change: Array, point: str, way: str) -> float:
-    """mm that a feature point has moved in a direction, the mean of both sides."""
+def along(change: Mapping[int, Array] | Array, point: str, way: str) -> float:
+    """mm that a feature point has moved in a direction, the mean of both sides.
+
+    change: by vertex, (2,) or (3,) mm to the right, up and forward.
+    """
     if point in MIDDLE:
-        out = np.array([0.0, change[MIDDLE[point], 1], change[MIDDLE[point], 0]])
+        middle = change[MIDDLE[point]]
+        out = np.array([0.0, middle[1], middle[0], *middle[2:]])
     else:
         left, right = (change[vertex] for vertex in PAIRS[point])
         out = np.array([right[0] - left[0], right[1] + left[1], right[0] + left[0]]) / 2
+        out = np.array([*out, *(right[2:] + left[2:]) / 2])
     axis, sign = _WAYS[way]
     return float(out[axis] * sign)
 
@@ -132,10 +166,66 @@ def units_seen(viewer: Viewer) -> Iterator[tuple[int, str, str, float, float]]:
                 yield number, point, way, along(seen, point, way), along(made, point, way)
 
 
-def mouth_seen(viewer: Viewer, index: int, values: Array) -> dict[str, Array]:
-    """Control point -> (n, 2) mm seen for n values of one mouth parameter, from a parted mouth."""
-    parted = 0.5 * MOUTH_SHAPES["e"]
-    found = [viewer.landmarks(mouth=parted + np.eye(13)[index] * value) for value in values]
+def unit_marked(markers: Markers, number: int) -> Iterator[tuple[int, str, str, float]]:
+    """(unit, point, way, mm by dots) of a unit's movements at intensity 1, for any of the 44."""
+    points = EXPECTED[number] if number in EXPECTED else UNSEEN[number][1]
+    vertices = [vertex for point in points for vertex in _vertices(point)]
+    moved = markers.find(vertices, units={str(number): 1.0}) - markers.find(vertices)
+    change = dict(zip(vertices, moved, strict=True))
+    for point, ways in points.items():
+        for way in ways.split():
+            yield number, point, way, along(change, point, way)
+
+
+def _vertices(point: str) -> tuple[int, ...]:
+    return (MIDDLE[point],) if point in MIDDLE else PAIRS[point]
+
+
+@dataclass(frozen=True)
+class Pure:
+    """What one mouth parameter does from `MOUTH_START` at 1/3, 2/3 and all of `MOUTH_FULL`.
+
+    own: (3,) mm its control point moves along its axis; other: mm, the farthest that any other
+    control point moves in any direction, the lips' horizontal opening among them.
+    """
+
+    own: Array
+    other: float
+
+    @property
+    def steady(self) -> bool:
+        steps = np.diff(self.own, prepend=0.0) * np.sign(self.own[-1])
+        return bool((steps > 0.05).all())
+
+    @property
+    def leak(self) -> float:
+        return self.other / abs(float(self.own[-1]))
+
+
+def mouth_marked(markers: Markers, index: int) -> Pure:
+    """How purely a mouth parameter moves its own control point, by dots."""
+    vertices = list(CONTROL_POINTS.values())
+    start, opening = markers.find(vertices, mouth=MOUTH_START), markers.opening(mouth=MOUTH_START)
+    width = float(start[6, 0] - start[5, 0])
+    moved, opened = [], []
+    for share in (1 / 3, 2 / 3, 1.0):
+        mouth = MOUTH_START + np.eye(13)[index] * MOUTH_FULL[index] * share
+        moved.append(markers.find(vertices, mouth=mouth) - start)
+        opened.append((markers.opening(mouth=mouth) - opening) * width)
+    path, wide = np.array(moved), np.array(opened)
+    path[:, 5, 0] *= -1
+    own = list(_OWN[index])
+    farthest = np.linalg.norm(np.delete(path[-1], own, axis=0), axis=1).max()
+    if not own:
+        return Pure(wide, float(farthest))
+    axis = _AXES[index]
+    return Pure(path[:, own, axis].mean(axis=1), max(float(farthest), abs(float(wide[-1]))))
+
+
+def mouth_seen(viewer: Viewer, index: int, shares: Sequence[float]) -> dict[str, Array]:
+    """Control point -> (n, 2) mm by landmarks, for shares of `MOUTH_FULL`, from `MOUTH_START`."""
+    full = np.eye(13)[index] * MOUTH_FULL[index]
+    found = [viewer.landmarks(_SCALES, mouth=MOUTH_START + full * share) for share in shares]
     return {
         name: np.array([points[vertex] for points in found])
         for name, vertex in CONTROL_POINTS.items()
@@ -171,22 +261,50 @@ def main() -> None:
     times = deform_times()
     print(f"deform: p50 {np.median(times):.3f} ms, p95 {np.percentile(times, 95):.3f} ms")
     viewer = Viewer(*sys.argv[1:])
-    table = load_action_units().table
-    print(f"\n{'unit':32} {'point':24} {'way':5} seen mm  mesh mm")
-    for number, point, way, seen, made in units_seen(viewer):
-        print(f"{number:3} {table[number].name:28} {point:24} {way:5} {seen:7.1f} {made:8.1f}")
-    for number in sorted(set(NUMBERS) - set(EXPECTED)):
-        print(f"{number:3} {table[number].name:28} not seen: {UNSEEN[number]}")
-    print("\nmouth parameter at -0.1 and +0.1: mm seen (right, up) of each control point")
-    for index, name in enumerate(MOUTH_PARAMETERS):
-        moved = mouth_seen(viewer, index, np.array([-0.1, 0.1]))
-        row = "  ".join(f"{key} {p[1, 0] - p[0, 0]:+.1f} {p[1, 1] - p[0, 1]:+.1f}" for key, p in
-                        moved.items())  # fmt: skip
-        print(f"{name:26} {row}")
+    _print_units(viewer)
+    _print_mouth(viewer)
     print("\nemotions: cosines of the landmarks' movement")
     full = emotions_seen(viewer)
     for name, line in zip(EMOTIONS, likeness(emotions_seen(viewer, 0.6), full), strict=True):
         print(f"{name + ' at 0.6':18}" + "".join(f"{value:7.2f}" for value in line))
+
+
+def _print_units(viewer: Viewer) -> None:
+    table = load_action_units().table
+    seen = {row[:3]: row[3:] for row in units_seen(viewer)}
+    print(f"\n{'unit':32} {'point':22} {'way':8}landmarks   dots   mesh (mm)")
+    marked_rows = (row for number in NUMBERS for row in unit_marked(viewer.markers, number))
+    for number, point, way, marked in marked_rows:
+        found, made = seen.get((number, point, way), (np.nan, np.nan))
+        by_landmarks = "        -" if np.isnan(found) else f"{found:9.1f}"
+        in_mesh = "" if np.isnan(made) else f"{made:7.1f}"
+        name = f"{number:3} {table[number].name:28}"
+        print(f"{name} {point:22} {way:8}{by_landmarks}{marked:7.1f}{in_mesh}")
+    for number, (why, _) in UNSEEN.items():
+        print(f"{number:3} {table[number].name:28} no landmarks: {why}")
+
+
+def _print_mouth(viewer: Viewer) -> None:
+    print("\nmouth parameter          at 1/3, 2/3 and full (mm), by dots    steady  others at most")
+    for index, name in enumerate(MOUTH_PARAMETERS):
+        pure = mouth_marked(viewer.markers, index)
+        own = "".join(f"{value:9.2f}" for value in pure.own)
+        steady = "yes" if pure.steady else "no"
+        print(f"{name:26}{own}{steady:>16}{pure.other:9.2f} mm{100 * pure.leak:6.1f} %")
+    print("\nthe same by landmarks from the front")
+    for index, name in enumerate(MOUTH_PARAMETERS):
+        if _AXES[index] == 2 or not _OWN[index]:
+            continue
+        found = np.array(list(mouth_seen(viewer, index, (0, 1 / 3, 2 / 3, 1)).values()))
+        own = list(_OWN[index])
+        moved = found - found[:, :1]
+        moved[5, :, 0] *= -1
+        path = moved[own, 1:, _AXES[index]].mean(axis=0)
+        other = np.linalg.norm(np.delete(moved[:, -1], own, axis=0), axis=1).max()
+        steps = np.diff(path, prepend=0) * np.sign(MOUTH_FULL[index])
+        steady = "yes" if (steps > 0).all() else "no"
+        line = "".join(f"{value:9.2f}" for value in path)
+        print(f"{name:26}{line}{steady:>16}{other:9.2f} mm")
 
 
 if __name__ == "__main__":
