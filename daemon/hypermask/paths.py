@@ -41,3 +41,15 @@ def home() -> Path:
         return appliance
     base = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
     return Path(base) / "hypermask"
+
+
+def run() -> Path:
+    """The folder of what lives as long as a show: /run/hypermask on the appliance."""
+    override = os.environ.get("HYPERMASK_RUN")
+    if override:
+        return Path(override)
+    appliance = Path("/run/hypermask")
+    if appliance.is_dir() and os.access(appliance, os.W_OK):
+        return appliance
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    return Path(base) / "hypermask" if base else Path(f"/tmp/hypermask-{os.getuid()}")

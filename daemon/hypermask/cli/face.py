@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+_ORDER_TIMEOUT_S = 30.0
+
 app = typer.Typer(help="Make and look at characters.", no_args_is_help=True)
 
 
@@ -26,6 +28,9 @@ def build(
         Path | None, typer.Option(help="The folder to make it in (default: the user's characters).")
     ] = None,
     fine: Annotated[bool, typer.Option("--fine", help="1024 texels instead of 512.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="By the show that runs here, and into it at once.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Make a character from one photograph."""
@@ -37,6 +42,9 @@ def build(
         raise UsageError("CHAR-NAME", f"'{name}' is a built-in character", "Choose another name.")
     shelf = out or paths.home() / "characters"
     size = FINE_SIZE if fine else SIZE
+    if live:
+        _order(photo, name, size, as_json)
+        return
     told: list[str] = []
     folder = shelf / build_character(photo, name, shelf, size=size, tell=told.append).name
     if as_json:
@@ -46,6 +54,32 @@ def build(
         for sentence in told:
             console.print(sentence)
         console.print(f"Try it: hypermask rehearse --set character={folder}")
+
+
+def _order(photo: Path, name: str, size: int, as_json: bool) -> None:
+    """Have the running show make the character; wait for what becomes of it."""
+    import time
+
+    from hypermask.errors import DataError
+    from hypermask.workers import orders
+    from hypermask.workers.dresser import ORDERS
+    from hypermask.workers.running import running_board
+
+    folder = running_board() / ORDERS
+    began_s = time.monotonic()
+    order = orders.Order(name=name, photo=str(photo.resolve()), size=size, ordered_s=began_s)
+    number = orders.place(folder, order)
+    while (told := orders.outcome(folder, number)) is None:
+        if time.monotonic() - began_s > _ORDER_TIMEOUT_S:
+            raise DataError("ORDER-LATE", "the show does not answer", "Is its dresser alive?")
+        time.sleep(0.02)
+    if "error" in told:
+        raise DataError(told["error"], told["what"], told["remedy"])
+    seconds = round(time.monotonic() - began_s, 2)
+    if as_json:
+        print_json({"name": name, "seconds": seconds})
+    else:
+        console.print(f"The character '{name}' joins the show; made in {seconds:.2f} s")
 
 
 @app.command("list")

@@ -26,6 +26,7 @@ from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.tracker import Tracker, TrackerSettings
 from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.board import Board
+from hypermask.workers.cast import DOTS
 from hypermask.workers.dresser import Dresser
 from hypermask.workers.realtime import be_realtime, die_with_parent, freeze_garbage
 from hypermask.workers.show import ShowWorker
@@ -37,6 +38,7 @@ from hypermask_sim.world import World
 
 WAIT_S = 0.1
 IDLE_S = 0.002
+ORDERS_EVERY_S = 0.02
 START_TIMEOUT_S = 60.0
 POLL_S = 0.2
 PRIORITIES = {"tracker": 50, "voice": 30, "show": 10}
@@ -45,8 +47,8 @@ DRESSER, DRESSER_NICE = "dresser", 10
 
 
 def crew_of(scenario: Scenario) -> tuple[str, ...]:
-    """The processes beside the stage; the dresser comes when there are photographs."""
-    return (*PRIORITIES, DRESSER) if scenario.performer.photos else tuple(PRIORITIES)
+    """The processes beside the stage; test dots need no dresser."""
+    return tuple(PRIORITIES) if scenario.character == DOTS else (*PRIORITIES, DRESSER)
 
 
 @dataclass(frozen=True)
@@ -216,7 +218,9 @@ def _dresser(cart: SimulatedCart, board: Board) -> Parts:
 
     def step(timeout_s: float) -> bool:
         visitors[0].step(cart.clock.now())
-        return dresser.step()
+        if not dresser.step():
+            cart.clock.sleep_until(cart.clock.now() + ORDERS_EVERY_S)
+        return True
 
     return prepare, step, lambda: {"compute_s": list(dresser.compute_s)}
 

@@ -26,6 +26,7 @@ from hypermask.rehearsal.visitors import keep_characters
 from hypermask.stage.pacing import Pacer
 from hypermask.workers.board import Board
 from hypermask.workers.realtime import be_realtime, freeze_garbage
+from hypermask.workers.running import announced
 from hypermask.workers.stage import Picture
 from hypermask_drivers.clock import RealClock
 from hypermask_sim.scenario import Scenario
@@ -198,7 +199,8 @@ def play_realtime(scenario: Scenario, out: Path, pictures: bool, quiet: bool) ->
         try:
             crew.start()
             stage = RealTimeStage(rehearsal)
-            told = _play(crew, rehearsal, stage, quiet)
+            with announced(board):
+                told = _play(crew, rehearsal, stage, quiet)
             keep_characters(board, out)
         finally:
             crew.kill()

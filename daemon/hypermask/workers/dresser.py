@@ -77,7 +77,7 @@ class Dresser:
             orders.answer(self.orders, number, {"name": character.name})
         except HypermaskError as error:
             self._report(self._clock.now(), error.code, str(error))
-            result = {"error": error.code, "text": str(error)}
+            result = {"error": error.code, "what": error.what, "remedy": error.remedy}
             orders.answer(self.orders, number, result)
         self.compute_s.append(time.perf_counter() - began)
         self._publish()

@@ -49,7 +49,8 @@ def oldest(folder: Path) -> tuple[str, Order] | None:
         try:
             return path.stem, parse(Order, json.loads(path.read_text("utf-8")), path.name)
         except (OSError, ValueError, HypermaskError) as error:
-            answer(folder, path.stem, {"error": "ORDER-READ", "text": f"ORDER-READ: {error}"})
+            told = {"error": "ORDER-READ", "what": str(error), "remedy": "Order again."}
+            answer(folder, path.stem, told)
     return None
 
 
