@@ -45,7 +45,7 @@ def test_the_latch_is_late():
 
 def test_a_steady_machine_is_latched_within_a_millisecond_or_so():
     budgets = play(Pacer(PERIOD), np.full(3000, 0.002))
-    assert budgets[-1] == pytest.approx(0.0025, abs=0.0003)
+    assert budgets[-1] == pytest.approx(0.003, abs=0.0003)
 
 
 def test_it_learns_that_drawing_became_slower():
@@ -85,4 +85,4 @@ def test_a_cross_fade_whose_cost_is_known_misses_no_flip_at_its_beginning():
         for _ in range(20):
             pacer.drawn(0.0, cost, load)
     assert pacer.budget_s(2) >= 0.009
-    assert pacer.budget_s(1) < 0.005, "and a single face is not begun earlier for it"
+    assert pacer.budget_s(1) < 0.006, "and a single face is not begun earlier for it"

@@ -27,38 +27,55 @@ from hypermask_sim.world import World
 
 
 def realtime(progress: bool) -> Table:
-    """A real-time rehearsal of the demo's face on the reference cart, 20 s."""
+    """Real-time rehearsals on the reference cart, 20 s each; in the last a photograph comes."""
     from hypermask.rehearsal.realtime import play_realtime
 
     rows = []
-    for name, character in (("reference-cart", "mean"), ("reference-cart", "dots")):
-        of = scenario(name, f"character={character}", "performer.motion=dance", "duration_s=20")
+    photo = paths.configs() / "characters" / "clown" / "texture.png"
+    visit = f'performer.photos=[[8.0, "{photo}", "visitor"]]'
+    for name, *changes in (("mean", ""), ("dots", ""), ("mean", visit)):
+        of = scenario(
+            "reference-cart",
+            f"character={name}",
+            "performer.motion=dance",
+            "duration_s=20",
+            *filter(None, changes),
+        )
         with tempfile.TemporaryDirectory() as folder:
             report: dict[str, Any] = play_realtime(of, Path(folder), False, not progress)
-        compute = report["compute_ms"]
-        rows.append(
-            (
-                f"{name}, {character}",
-                report["frames"],
-                report["missed_flips"],
-                f"{report['flips_on_time']:.2%}",
-                compute["tracking"]["p50"],
-                compute["stage"]["p50"],
-                report["lead_ms"]["p50"],
-                report["registration_mm"]["rms"],
-            )
-        )
+        rows.append(_realtime_row(name, report))
     return Table(
         "realtime",
         "Against the real clock: 60 Hz projector, 120 Hz camera, a process a worker",
         (
             "show", "flips", "missed", "on time", "tracking p50 ms", "stage p50 ms", "lead p50 ms",
-            "registration rms mm",
+            "registration rms mm", "photo to its first light s", "missed in the 3 s after it",
         ),
         rows,
         ("Software GL; the simulated camera and projector run on the same two cores.",
-         "Target: at least 99 % on time."),
+         "Target: at least 99 % on time; a photograph's first light within 1 s, no flip missed."),
     )  # fmt: skip
+
+
+def _realtime_row(name: str, report: dict[str, Any]) -> tuple[Any, ...]:
+    compute = report["compute_ms"]
+    arrival = next(iter(report["arrivals"]), None)
+    swap = ("", "")
+    if arrival is not None:
+        since = arrival["ordered_s"]
+        missed = [time_s for time_s in report["missed_flips_at_s"] if 0 <= time_s - since <= 3]
+        swap = (arrival["photo_to_light_s"], len(missed))
+    return (
+        f"reference-cart, {name}" + (", and a photograph" if arrival else ""),
+        report["frames"],
+        report["missed_flips"],
+        f"{report['flips_on_time']:.2%}",
+        compute["tracking"]["p50"],
+        compute["stage"]["p50"],
+        report["lead_ms"]["p50"],
+        report["registration_mm"]["rms"],
+        *swap,
+    )
 
 
 def stage(progress: bool) -> Table:

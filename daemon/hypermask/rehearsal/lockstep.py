@@ -171,17 +171,20 @@ class LockStep:
         self.stage.draw(self.cart.projector.framebuffer, self._before_show([]), counted=False)
 
     def drawing_times(self, repeats: int = 20) -> dict[int, list[float]]:
-        """Seconds to draw one character and a cross-fade of two, on the projector's framebuffer."""
-        framebuffer, times = self.cart.projector.framebuffer, {}
-        for load in (1, 2):
-            picture = self._before_show(self._everybody()[:load])
-            times[load] = [self._timed_draw(framebuffer, picture) for _ in range(repeats)]
+        """Seconds to pose and draw one character and a cross-fade of two."""
+        times = {load: [self._timed(load) for _ in range(repeats)] for load in (1, 2)}
+        framebuffer = self.cart.projector.framebuffer
         self.stage.draw(framebuffer, self._before_show([]), counted=False)
         return times
 
-    def _timed_draw(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> float:
+    def before_show(self) -> Picture:
+        """The first character on a mask straight ahead."""
+        return self._before_show(self._everybody()[:1])
+
+    def _timed(self, load: int) -> float:
         began = time.perf_counter()
-        self.stage.draw(framebuffer, picture, counted=False)
+        picture = self._before_show(self._everybody()[:load])
+        self.stage.draw(self.cart.projector.framebuffer, picture, counted=False)
         return time.perf_counter() - began
 
     def _everybody(self) -> tuple[DrawItem, ...]:

@@ -97,7 +97,8 @@ class RealTimeStage:
             if framebuffer is None:
                 continue
             lockstep.stage.draw(framebuffer, picture)
-            self.pacer.drawn(latch_s, clock.now(), load)
+            # Black is quick: it says nothing of what the faces will take that come back.
+            self.pacer.drawn(latch_s, clock.now(), len(picture.items))
             shown_s = lockstep.projector.use(lambda device: device.present())
             if shown_s is None:
                 continue
@@ -115,10 +116,19 @@ class RealTimeStage:
             index += 1
 
     def rehearse_costs(self) -> None:
-        """Let the pacer know what drawing costs, before the first flip that counts."""
+        """Learn what drawing and reading back cost, before the first flip that counts."""
         for load, times_s in self._lockstep.drawing_times().items():
             for time_s in times_s:
                 self.pacer.drawn(0.0, time_s, load)
+        picture = self._lockstep.before_show()
+        framebuffer = self._lockstep.cart.projector.framebuffer
+        for _ in range(5):
+            began_s = self._clock.now()
+            self._read(framebuffer, picture)
+            read_s = self._clock.now()
+            self._read(self._lockstep.draw_probe(picture), picture)
+            self._cost_s["film"] = max(self._cost_s["film"], read_s - began_s)
+            self._cost_s["judge"] = max(self._cost_s["judge"], self._clock.now() - read_s)
 
     def _spare_s(self, next_flip_s: float) -> float:
         """Time until the next frame must be begun."""
