@@ -14,6 +14,14 @@ Array = NDArray[np.float64]
 
 _LOWER_SHARE = 0.12
 """The lower lid comes up by this share of the gap, the upper lid down by the rest."""
+_FOLLOW = ((247, 30, 29, 27, 28, 56, 190), (113, 225, 224, 223, 222, 221, 189))
+"""The two rows of skin above the left upper lid, a vertex for each of the lid's."""
+_FOLLOW_SHARES = (
+    (0.60, 0.90, 0.95, 0.95, 0.95, 0.90, 0.60),
+    (0.15, 0.50, 0.68, 0.76, 0.73, 0.52, 0.15),
+)
+"""The lid is a stiff plate: the row next to its edge goes with it, or the line that is painted
+along the edge would be drawn out into a band when it shuts."""
 _BLINK_S = 0.26
 _BLINK_PERIOD_S = 3.7
 
@@ -35,8 +43,22 @@ def make_lids(mesh: Mesh) -> Lids:
     still |= {points.FEATURES["cheek_left"], points.FEATURES["cheek_right"]}
     still |= {*RIM, *mesh.among([*points.LEFT_BROW, *points.RIGHT_BROW])}
     moved = [*upper, *lower]
-    carrier = influence(mesh, moved, sorted(still - set(moved)))
+    rows, weights = _following(mesh)
+    led = [*moved, *rows]
+    carried = influence(mesh, led, sorted(still - set(led)))
+    carrier = carried[:, : len(moved)] + carried[:, len(moved) :] @ weights
     return Lids(np.array(upper, np.int32), np.array(lower, np.int32), carrier)
+
+
+def _following(mesh: Mesh) -> tuple[list[int], Array]:
+    """Vertices above both upper lids and (n, 28) what each takes of the lids' movements."""
+    left = [vertex for row in _FOLLOW for vertex in row]
+    rows = [*left, *mesh.mirror[left].tolist()]
+    shares = np.concatenate([np.diag(row) for row in _FOLLOW_SHARES])
+    weights = np.zeros((len(rows), 28))
+    weights[: len(left), :7] = shares
+    weights[len(left) :, 7:14] = shares[:, ::-1]  # the right lid's vertices go the other way round
+    return rows, weights
 
 
 def close_lids(lids: Lids, flat: Array, closed: Array) -> None:
