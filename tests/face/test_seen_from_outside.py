@@ -16,14 +16,13 @@ from hypermask.face.emotions import EMOTIONS
 from hypermask.face.face import Face
 from hypermask.face.markers import Markers
 from hypermask.face.mouth import MOUTH_PARAMETERS
+from hypermask.face.mouth_seen import MOUTH_FULL, mouth_marked
 from hypermask.face.seen import (
     EXPECTED,
-    MOUTH_FULL,
     UNSEEN,
     Viewer,
     emotions_seen,
     likeness,
-    mouth_marked,
     mouth_seen,
     unit_marked,
     units_seen,

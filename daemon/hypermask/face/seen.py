@@ -13,7 +13,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from hypermask.face.face import Face, Positions, deform, load_rig
 from hypermask.face.features import MIDDLE, PAIRS
 from hypermask.face.markers import Markers
 from hypermask.face.mouth import CONTROL_POINTS, MOUTH_PARAMETERS, MOUTH_SHAPES
+from hypermask.face.mouth_seen import AXES, MOUTH_FULL, MOUTH_START, OWN, mouth_marked
 from hypermask.face.sheet import front_view
 from hypermask.mask import load_mask
 from hypermask.texture.landmarks import FaceFinder
@@ -95,16 +95,6 @@ _WAYS = {
     "left": (2, 1.0),
     "forward": (3, 1.0),
 }
-MOUTH_START = np.array([0.04, 0.0, -0.04, 0.0, -0.24, 0.0, -0.30, 0.0, -0.12, 0.0, 0.0, 0.0, 0.0])
-"""Half open, with lips so full that none of their edges is in another's way."""
-MOUTH_FULL = np.array(
-    [0.20, 0.36, 0.20, 0.36, -0.24, 0.36, -0.30, 0.36, -0.60, 0.30, 0.30, 0.30, 0.36]
-)
-"""How far each parameter goes, in half widths: about as far as the six reference shapes take it, no
-farther than the lip has room without the lip's other edge."""
-_OWN = ((0,), (0,), (1,), (1,), (2,), (2,), (3,), (3,), (4,), (5, 6), (5, 6), (5, 6), ())
-_AXES = (1, 2, 1, 2, 1, 2, 1, 2, 1, 1, 0, 2, 0)
-"""The control points of each parameter, in `CONTROL_POINTS`, and the axis it moves them along."""
 
 
 class Viewer:
@@ -181,47 +171,6 @@ def _vertices(point: str) -> tuple[int, ...]:
     return (MIDDLE[point],) if point in MIDDLE else PAIRS[point]
 
 
-@dataclass(frozen=True)
-class Pure:
-    """What one mouth parameter does from `MOUTH_START` at 1/3, 2/3 and all of `MOUTH_FULL`.
-
-    own: (3,) mm its control point moves along its axis; other: mm, the farthest that any other
-    control point moves in any direction, the lips' horizontal opening among them.
-    """
-
-    own: Array
-    other: float
-
-    @property
-    def steady(self) -> bool:
-        steps = np.diff(self.own, prepend=0.0) * np.sign(self.own[-1])
-        return bool((steps > 0.05).all())
-
-    @property
-    def leak(self) -> float:
-        return self.other / abs(float(self.own[-1]))
-
-
-def mouth_marked(markers: Markers, index: int) -> Pure:
-    """How purely a mouth parameter moves its own control point, by dots."""
-    vertices = list(CONTROL_POINTS.values())
-    start, opening = markers.find(vertices, mouth=MOUTH_START), markers.opening(mouth=MOUTH_START)
-    width = float(start[6, 0] - start[5, 0])
-    moved, opened = [], []
-    for share in (1 / 3, 2 / 3, 1.0):
-        mouth = MOUTH_START + np.eye(13)[index] * MOUTH_FULL[index] * share
-        moved.append(markers.find(vertices, mouth=mouth) - start)
-        opened.append((markers.opening(mouth=mouth) - opening) * width)
-    path, wide = np.array(moved), np.array(opened)
-    path[:, 5, 0] *= -1
-    own = list(_OWN[index])
-    farthest = np.linalg.norm(np.delete(path[-1], own, axis=0), axis=1).max()
-    if not own:
-        return Pure(wide, float(farthest))
-    axis = _AXES[index]
-    return Pure(path[:, own, axis].mean(axis=1), max(float(farthest), abs(float(wide[-1]))))
-
-
 def mouth_seen(viewer: Viewer, index: int, shares: Sequence[float]) -> dict[str, Array]:
     """Control point -> (n, 2) mm by landmarks, for shares of `MOUTH_FULL`, from `MOUTH_START`."""
     full = np.eye(13)[index] * MOUTH_FULL[index]
@@ -288,22 +237,22 @@ def _print_mouth(viewer: Viewer) -> None:
     print("\nmouth parameter          at 1/3, 2/3 and full (mm), by dots    steady  others at most")
     for index, name in enumerate(MOUTH_PARAMETERS):
         pure = mouth_marked(viewer.markers, index)
-        own = "".join(f"{value:9.2f}" for value in pure.own)
+        path = "".join(f"{value:9.2f}" for value in pure.own)
         steady = "yes" if pure.steady else "no"
-        print(f"{name:26}{own}{steady:>16}{pure.other:9.2f} mm{100 * pure.leak:6.1f} %")
+        print(f"{name:26}{path}{steady:>16}{pure.other:9.2f} mm{100 * pure.leak:6.1f} %")
     print("\nthe same by landmarks from the front")
     for index, name in enumerate(MOUTH_PARAMETERS):
-        if _AXES[index] == 2 or not _OWN[index]:
+        if AXES[index] == 2 or not OWN[index]:
             continue
         found = np.array(list(mouth_seen(viewer, index, (0, 1 / 3, 2 / 3, 1)).values()))
-        own = list(_OWN[index])
+        own = list(OWN[index])
         moved = found - found[:, :1]
         moved[5, :, 0] *= -1
-        path = moved[own, 1:, _AXES[index]].mean(axis=0)
+        seen = moved[own, 1:, AXES[index]].mean(axis=0)
         other = np.linalg.norm(np.delete(moved[:, -1], own, axis=0), axis=1).max()
-        steps = np.diff(path, prepend=0) * np.sign(MOUTH_FULL[index])
+        steps = np.diff(seen, prepend=0) * np.sign(MOUTH_FULL[index])
         steady = "yes" if (steps > 0).all() else "no"
-        line = "".join(f"{value:9.2f}" for value in path)
+        line = "".join(f"{value:9.2f}" for value in seen)
         print(f"{name:26}{line}{steady:>16}{other:9.2f} mm")
 
 

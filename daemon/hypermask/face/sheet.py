@@ -222,9 +222,12 @@ def _mapped(
     xs = np.arange(number.shape[1], dtype=np.float32)
     ys = np.arange(number.shape[0], dtype=np.float32)[:, None]
     first, second = (
-        np.take(start[:, k].astype(np.float32), number)
-        + np.take(per_x[:, k].astype(np.float32), number) * xs
-        + np.take(per_y[:, k].astype(np.float32), number) * ys
+        np.asarray(
+            np.take(start[:, k].astype(np.float32), number)
+            + np.take(per_x[:, k].astype(np.float32), number) * xs
+            + np.take(per_y[:, k].astype(np.float32), number) * ys,
+            np.float32,
+        )
         for k in range(2)
     )
     return first, second
