@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hypermask.errors import UsageError
-from hypermask.face import points
+from hypermask.face import interior, points
 from hypermask.face.emotions import EMOTIONS
 from hypermask.face.face import deform, load_rig
 from hypermask.face.lids import blink
@@ -138,6 +138,24 @@ def test_shut_lids_leave_no_gap_whatever_the_expression() -> None:
     left = _flat(None, None, (1.0, 0.0))
     gap = left[RIG.lids.upper, 1] - left[RIG.lids.lower, 1]
     assert np.abs(gap[:7]).max() < 0.05 < 2 < gap[7:].max()
+
+
+def test_the_skin_next_to_a_shutting_lid_goes_with_it() -> None:
+    """Or a line painted along the lid would be drawn out into a band."""
+    down = _flat(lids=1.0)[:, 1] - REST[:, 1]
+    for lid, skin in (((160, 159, 158), (29, 27, 28)), ((385, 386, 387), (258, 257, 259))):
+        assert (down[list(skin)] < 0.85 * down[list(lid)]).all()
+
+
+def test_rows_of_teeth_stay_stiff_behind_lips_that_bend() -> None:
+    flat = deform(RIG, {"happiness": 1.0}, MOUTH_SHAPES["a"])[0]
+    lower, upper = interior.teeth_places(flat, RIG.half_width)
+    lower_lip = flat[list(points.LOWER_LIP_INNER), 1]
+    edge = lower[: len(lower) // 3, 1]
+    assert np.ptp(lower_lip) > 0.02 and np.ptp(edge) < 0.4 * np.ptp(lower_lip)
+    assert upper[:, 1].max() > flat[13, 1] and np.abs(upper[:, 0]).max() > 0.9 * RIG.half_width
+    closed_lower, closed_upper = interior.teeth_places(_flat() / 1000, RIG.half_width)
+    assert closed_upper[:, 1].min() > REST[13, 1] / 1000 > closed_lower[:, 1].max()
 
 
 def test_blinks_are_deterministic_and_rare() -> None:

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 MOUTH_START = np.array([0.04, 0.0, -0.04, 0.0, -0.24, 0.0, -0.30, 0.0, -0.12, 0.0, 0.0, 0.0, 0.0])
 """Half open, with lips so full that none of their edges is in another's way."""
 MOUTH_FULL = np.array(
-    [0.20, 0.36, 0.20, 0.36, -0.24, 0.36, -0.30, 0.36, -0.60, 0.30, 0.30, 0.30, 0.30]
+    [0.24, 0.36, 0.20, 0.36, -0.24, 0.36, -0.30, 0.36, -0.60, 0.30, 0.30, 0.30, 0.30]
 )
 """How far each parameter goes, in half widths: about as far as the six reference shapes take it, no
 farther than the lip has room without the lip's other edge."""
