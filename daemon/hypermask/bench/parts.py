@@ -31,7 +31,7 @@ def realtime(progress: bool) -> Table:
     from hypermask.rehearsal.realtime import play_realtime
 
     rows = []
-    photo = paths.configs() / "characters" / "clown" / "texture.png"
+    photo = paths.configs() / "characters" / "mean" / "texture.png"
     visit = f'performer.photos=[[8.0, "{photo}", "visitor"]]'
     for name, *changes in (("mean", ""), ("dots", ""), ("mean", visit)):
         of = scenario(
@@ -60,7 +60,7 @@ def realtime(progress: bool) -> Table:
 def _realtime_row(name: str, report: dict[str, Any]) -> tuple[Any, ...]:
     compute = report["compute_ms"]
     arrival = next(iter(report["arrivals"]), None)
-    swap = ("", "")
+    swap: tuple[Any, ...] = ("", "")
     if arrival is not None:
         since = arrival["ordered_s"]
         missed = [time_s for time_s in report["missed_flips_at_s"] if 0 <= time_s - since <= 3]
