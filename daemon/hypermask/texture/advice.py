@@ -12,6 +12,7 @@ from hypermask.texture import regions
 from hypermask.texture.fill import skin_colour
 from hypermask.texture.landmarks import Landmarks
 from hypermask.texture.normalise import normalise
+from hypermask.texture.pose import head_pose
 
 Image = NDArray[np.uint8]
 
@@ -20,7 +21,6 @@ _SHARP = 0.32
 _TURNED_DEG = 15.0
 _OPEN = 0.20
 _DARK = 60.0
-_EYE_CORNERS = (33, 263)
 _LIPS = (13, 14)
 _MOUTH_CORNERS = (61, 291)
 
@@ -46,10 +46,8 @@ def advice(image: Image, face: Landmarks) -> tuple[str, ...]:
 
 
 def yaw_deg(face: Landmarks) -> float:
-    """Degrees that the head is turned, by the depth of the outer corners of the eyes."""
-    left, right = face.points[list(_EYE_CORNERS)]
-    across = np.hypot(*(right - left)[:2])
-    return float(np.degrees(np.arctan2(right[2] - left[2], across)))
+    """Degrees that the head is turned, above 0 to the picture's right."""
+    return head_pose(face.points).yaw_deg
 
 
 def mouth_opening(face: Landmarks) -> float:

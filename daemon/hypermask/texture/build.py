@@ -26,9 +26,11 @@ from hypermask.texture.estimate import blend, estimate, small
 from hypermask.texture.eyes import eye_textures
 from hypermask.texture.fill import balance, belief
 from hypermask.texture.landmarks import FaceFinder, Landmarks
-from hypermask.texture.morphable import load_model
-from hypermask.texture.normalise import SIZE, normalise
+from hypermask.texture.morphable import MorphableModel, load_model
+from hypermask.texture.normalise import SIZE, Fit, normalise
 from hypermask.texture.photo import load_photo
+from hypermask.texture.pose import head_pose
+from hypermask.texture.register import FROM_DEG, moved, shift
 from hypermask.texture.viewing import viewing
 
 Image = NDArray[np.uint8]
@@ -85,28 +87,48 @@ def build_character(
     return character
 
 
-def make_texture(image: Image, face: Landmarks, size: int = SIZE) -> tuple[Image, Image]:
+def make_texture(
+    image: Image, face: Landmarks, size: int = SIZE, model: MorphableModel | None = None
+) -> tuple[Image, Image]:
     """(texture (size, size, 3), eyes), both RGB, from a photograph (h, w, 3) BGR and landmarks.
 
-    size: 512 or 1024. Raises `DataError` FACE-HIDDEN, TEXTURE-MODEL.
+    size: 512 or 1024; model: another morphable model than the shipped one.
+    Raises `DataError` FACE-HIDDEN, TEXTURE-MODEL.
     """
+    model = model or load_model()
     flat = _normalised(image, face, SIZE)
-    weight = np.minimum(belief(flat), viewing(face.points))
+    off_front = head_pose(face.points).off_front_deg
+    weight = np.minimum(belief(flat), viewing(face.points, off_front > FROM_DEG))
     if float(weight.max()) < _LEAST_BELIEF:
         raise DataError(
             "FACE-HIDDEN", "too little skin is seen in the photograph", "Use another photograph."
         )
     lined = _lip_line(flat)
-    found = estimate(load_model(), small(lined), small(weight))
-    fine = lined if size == SIZE else _lip_line(_normalised(image, face, size))
+    beside = shift(model, lined, weight, off_front)
+    if beside is not None:
+        lined = _lip_line(_normalised(image, face, SIZE, beside))
+    found = estimate(model, small(lined), small(weight))
+    fine = lined if size == SIZE else _lip_line(_normalised(image, face, size, beside))
     weight = _enlarged(np.minimum(weight, _enlarged(found.weight, SIZE)), size)
     whole = blend(fine, weight, _enlarged(found.whole, size))
     seen = whole if size == SIZE else _reduced(whole)
     return _rgb(balance(whole, mean_texture())), _rgb(eye_textures(seen))
 
 
-def _normalised(image: Image, face: Landmarks, size: int) -> Image:
-    return normalise(image, face.points[:, :2], face.eye_distance, size)
+def plain_texture(
+    image: Image, face: Landmarks, fit: Fit = "landmarks", model: MorphableModel | None = None
+) -> Image:
+    """(SIZE, SIZE, 3) RGB as if every photograph were frontal: what turning is measured against."""
+    lined = _lip_line(normalise(image, face.points[:, :2], face.eye_distance, SIZE, fit))
+    weight = belief(lined)
+    found = estimate(model or load_model(), small(lined), small(weight))
+    weight = np.minimum(weight, _enlarged(found.weight, SIZE))
+    return _rgb(balance(blend(lined, weight, _enlarged(found.whole, SIZE)), mean_texture()))
+
+
+def _normalised(image: Image, face: Landmarks, size: int, beside: Map | None = None) -> Image:
+    move = None if beside is None else functools.partial(moved, shift=beside)
+    return normalise(image, face.points[:, :2], face.eye_distance, size, move=move)
 
 
 def _enlarged(values: Map, size: int) -> Map:

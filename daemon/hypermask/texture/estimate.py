@@ -37,6 +37,8 @@ _ROUNDS = 3
 _FIRST = 8
 """Bases of the first round: too few for dark eyes to be fitted to sunglasses."""
 _SMOOTH = 2.0
+_MIRRORED = 0.7
+"""How much of what is a person's own on one side of the face is taken to be on the other."""
 
 
 @functools.lru_cache(maxsize=8)
@@ -162,6 +164,7 @@ def estimate(
         coefficients = solve(model, texture, kept, spacing, count)
     modelled = model.texture(coefficients)
     whole = modelled + carried(texture - modelled, kept)
+    whole += mirrored(texture - whole, kept)
     return Estimate(coefficients, modelled, np.asarray(np.clip(whole, 0, 255), np.float32), kept)
 
 
@@ -197,6 +200,13 @@ def carried(residual: Map, weight: Map) -> Map:
     smooth = cv2.GaussianBlur(residual * skin[..., None], (0, 0), 2)
     values = smooth / np.maximum(share, 1e-4)[..., None]
     return diffuse(np.asarray(values, np.float32), np.minimum(share, skin))
+
+
+def mirrored(residual: Map, weight: Map) -> Map:
+    """The residual (SIDE, SIDE, 3) of skin that is believed, where only its mirror image is not."""
+    other = np.ascontiguousarray(weight[:, ::-1])
+    share = _MIRRORED * other * (1 - weight)
+    return np.asarray(np.ascontiguousarray(residual[:, ::-1]) * share[..., None], np.float32)
 
 
 @functools.cache

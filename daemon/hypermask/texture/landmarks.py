@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hypermask.errors import DataError
 from hypermask.texture.models import DETECTOR, LANDMARKS, model_path
 from hypermask.texture.pupils import find_pupils
-from hypermask.texture.usable import check_lit, check_upright, check_whole
+from hypermask.texture.usable import check_front, check_lit, check_upright, check_whole
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -94,6 +94,7 @@ class FaceFinder:
             )
         face = faces[0]
         check_upright(image, face.score, self._best_score)
+        check_front(face.points)
         check_whole(face.points, (image.shape[1], image.shape[0]))
         check_lit(image, face.points)
         return face

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,6 +17,7 @@ from hypermask.texture.fit import hardy_fit
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
 Fit = Literal["landmarks", "hardy"]
 """All 468 landmarks, affine in each triangle; or the paper's 84 and a multiquadric."""
 
@@ -74,10 +76,12 @@ def normalise(
     eye_distance: float,
     size: int = SIZE,
     fit: Fit = "landmarks",
+    move: Callable[[Map], Map] | None = None,
 ) -> Image:
     """The photograph (h, w, 3) in the texture's layout: (size, size, 3), same colour order.
 
-    landmarks: (468, 2) pixels; eye_distance: pixels between the pupils.
+    landmarks: (468, 2) pixels; eye_distance: pixels between the pupils; move: what is done to the
+    texels' places in the photograph (size, size, 2), such as bringing them into register.
     """
     shrink = min(_PHOTO_EYES_PX * size / SIZE / eye_distance, 1.0)
     if shrink < 1:
@@ -85,6 +89,8 @@ def normalise(
         landmarks = (landmarks + 0.5) * shrink - 0.5
     fitted = hardy_fit(_inside_lips(landmarks)) if fit == "hardy" else _vertices_in_photo(landmarks)
     place = interpolated(fitted.astype(np.float32), size)
+    if move is not None:
+        place = move(place)
     sampled = cv2.remap(
         photo, place[..., 0], place[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
     )

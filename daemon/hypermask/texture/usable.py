@@ -1,4 +1,4 @@
-"""Whether a face that was found can become a character: upright, in the picture, lit."""
+"""Whether a face can become a character: upright, to the front, in the picture, lit."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hypermask.errors import DataError
 from hypermask.geometry import Array
+from hypermask.texture.pose import MOST_DEG, head_pose
 
 Image = NDArray[np.uint8]
 
@@ -34,6 +35,21 @@ def check_upright(image: Image, score: float, best_score: Callable[[Image], floa
     if 1 - best_score(turned) < _CLEARER * (1 - score):
         raise DataError(
             "FACE-TURNED", "the photograph is upside down", "Turn it and save it again."
+        )
+
+
+def check_front(points: Array) -> None:
+    """points: (468, 3). Raises `DataError` FACE-TURNED where half of the face is not seen."""
+    pose = head_pose(points)
+    turns = {"sideways": pose.yaw_deg, "up": pose.pitch_deg, "down": -pose.pitch_deg}
+    turns["sideways"] = abs(turns["sideways"])
+    where, angle = max(turns.items(), key=lambda turn: turn[1])
+    if angle > MOST_DEG:
+        raise DataError(
+            "FACE-TURNED",
+            f"the head is turned {where} by {angle:.0f} degrees",
+            f"Use a photograph in which the person looks into the camera, within "
+            f"{0.75 * MOST_DEG:.0f} degrees.",
         )
 
 

@@ -1,6 +1,9 @@
-"""How squarely the camera saw each part of the face: what is seen edge on is not believed."""
+"""How well the camera saw each part of the face: what is edge on or hidden is not believed."""
 
 from __future__ import annotations
+
+import functools
+from typing import Any
 
 import cv2
 import numpy as np
@@ -8,13 +11,17 @@ from numpy.typing import NDArray
 
 from hypermask.face.mesh import LANDMARKS, RIM, load_mesh
 from hypermask.texture import regions
-from hypermask.texture.normalise import SIZE, interpolated
+from hypermask.texture.normalise import SIZE, interpolated, rasterise
 
 Map = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 _COARSE = 64
 _COSINE = (0.15, 0.45)
+_DEPTH_SIDE = 160
+_TURNED_COSINE = (0.22, 0.52)
+_BEHIND = (0.006, 0.02)
+"""Parts of the face's size; less is the roughness of the mesh."""
 
 
 def cosines(landmarks: Array) -> Array:
@@ -22,9 +29,7 @@ def cosines(landmarks: Array) -> Array:
 
     landmarks: (468, 3) pixels, z in the same unit, smaller is nearer.
     """
-    mesh = load_mesh()
-    places = mesh.halfway(np.concatenate([landmarks, np.zeros((len(RIM), 3))]))
-    triangles = mesh.triangles[~np.isin(mesh.triangles, RIM).any(axis=1)]
+    mesh, triangles, places = load_mesh(), _skin(), _places(landmarks)
     a, b, c = (places[triangles[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)  # y is down: these point to -z, to the camera
     sums = np.zeros_like(places)
@@ -36,10 +41,53 @@ def cosines(landmarks: Array) -> Array:
     return np.asarray(-sums[:, 2] / np.maximum(np.linalg.norm(sums, axis=1), 1e-9))
 
 
-def viewing(landmarks: Array) -> Map:
-    """(SIZE, SIZE) 0 to 1: 0 where the skin is seen edge on or from behind."""
-    known = np.concatenate([cosines(landmarks), np.ones(len(RIM))])
-    values = load_mesh().halfway(known).astype(np.float32)[:, None]
-    coarse = cv2.GaussianBlur(interpolated(values, _COARSE)[..., 0], (0, 0), 1.5)
-    fine = cv2.resize(coarse, (SIZE, SIZE), interpolation=cv2.INTER_LINEAR)
-    return regions.ramp(np.asarray(fine, np.float32), *_COSINE)
+def behind(landmarks: Array) -> Array:
+    """(468,) by how much of the face's size each landmark lies behind nearer skin; 0 where seen.
+
+    The mesh is drawn into a small depth map from the farthest triangle to the nearest.
+    """
+    low = landmarks.min(axis=0)
+    scale = (_DEPTH_SIDE - 9) / float((landmarks - low)[:, :2].max())
+    points = (_places(landmarks) - low) * scale + (4, 4, 0)
+    order = np.argsort(-points[_skin(), 2].mean(axis=1))
+    drawn = rasterise(points[:, :2], _skin()[order], (_DEPTH_SIDE, _DEPTH_SIDE))
+    depths = (points[drawn.corners, 2] * drawn.weights).sum(axis=-1)
+    points = points[:LANDMARKS]
+    x, y = np.round(points[:, :2]).astype(int).T
+    nearest = np.where(drawn.covered, depths, np.inf)[y, x]
+    return np.asarray(np.maximum(points[:, 2] - nearest, 0) / _DEPTH_SIDE)
+
+
+@functools.cache
+def _skin() -> NDArray[np.int32]:
+    """The triangles without those that reach the rim, of which a photograph tells nothing."""
+    triangles = load_mesh().triangles
+    return np.asarray(triangles[~np.isin(triangles, RIM).any(axis=1)])
+
+
+def _places(landmarks: Array) -> Array:
+    """(V, 3) of the mesh's vertices; the rim's are not known and 0."""
+    return load_mesh().halfway(np.concatenate([landmarks, np.zeros((len(RIM), 3))]))
+
+
+def viewing(landmarks: Array, turned: bool = True) -> Map:
+    """(SIZE, SIZE) 0 to 1: 0 where the skin is seen edge on, from behind or not at all.
+
+    turned: whether the head is turned so far that its own parts may hide others.
+    """
+    rim = np.ones(len(RIM))
+    facing = _spread(np.concatenate([cosines(landmarks), rim]))
+    square = regions.ramp(facing, *(_TURNED_COSINE if turned else _COSINE))
+    if not turned:
+        return square
+    clear = 1 - regions.ramp(behind(landmarks).astype(np.float32), *_BEHIND)
+    return np.asarray(square * _spread(np.concatenate([clear, rim])), np.float32)
+
+
+def _spread(values: NDArray[Any]) -> Map:
+    """(SIZE, SIZE) of values at the landmarks and the rim, softly."""
+    everywhere = load_mesh().halfway(values).astype(np.float32)
+    coarse = interpolated(everywhere[:, None], _COARSE)[..., 0]
+    coarse = np.clip(coarse, 0, 1)  # beyond the mesh it is extrapolated
+    soft = cv2.GaussianBlur(coarse, (0, 0), 1.5)
+    return np.asarray(cv2.resize(soft, (SIZE, SIZE), interpolation=cv2.INTER_LINEAR), np.float32)
