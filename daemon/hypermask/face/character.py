@@ -4,17 +4,21 @@ character.toml   version, name, source, date
 texture.png      512 x 512, the mask seen from the front (`hypermask.face.mesh.to_uv`)
 eyes.png         320 x 112, the left and the right eyeball (`hypermask.texture.eyes`)
 landmarks.json   the 468 points on the photograph, for characters made from one
+photo.jpg        that photograph, as it was used
+source.json      how the character was made from it (`hypermask.texture.source`)
 """
 
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import tempfile
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,6 +27,7 @@ from numpy.typing import NDArray
 from hypermask import paths
 from hypermask.config import Settings, load
 from hypermask.errors import DataError, HypermaskError, UsageError
+from hypermask.face.exchange import clear, exchange, prefix
 from hypermask.storage import write_atomically
 
 Image = NDArray[np.uint8]
@@ -41,7 +46,9 @@ class CharacterSettings(Settings):
 
 @dataclass(frozen=True)
 class Character:
-    """texture: (512 or 1024, same, 3) RGB; eyes: (112, 320, 3) RGB; landmarks: (468, 3) or None."""
+    """texture: (512 or 1024, same, 3) RGB; eyes: (112, 320, 3) RGB; landmarks: (468, 3) or None;
+    photo: the JPEG file that it was made from; record: how, as plain data; None where not known.
+    """
 
     name: str
     source: str
@@ -49,6 +56,8 @@ class Character:
     texture: Image
     eyes: Image
     landmarks: NDArray[np.float64] | None = None
+    photo: bytes | None = None
+    record: Mapping[str, Any] | None = None
 
 
 _RESERVED = ("dots",)
@@ -77,11 +86,11 @@ def save_character(character: Character, folder: Path, compression: int = 3) -> 
     temporary = ""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.")
-        for name, data in _files(character, compression).items():
-            write_atomically(Path(temporary) / name, data)
+        clear(folder)
+        temporary = tempfile.mkdtemp(dir=folder.parent, prefix=prefix(folder))
+        _write_all(Path(temporary), _files(character, compression))
         Path(temporary).chmod(0o755)
-        _exchange(Path(temporary), folder)
+        exchange(Path(temporary), folder)
     except OSError as error:
         raise HypermaskError(
             "DISK-WRITE",
@@ -93,23 +102,10 @@ def save_character(character: Character, folder: Path, compression: int = 3) -> 
             shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _exchange(new: Path, folder: Path) -> None:
-    """Put `new` in `folder`'s place; the old one is set aside first and then removed."""
-    old = new.with_name(new.name + ".old")
-    if folder.exists():
-        folder.rename(old)
-    try:
-        new.rename(folder)
-    except OSError:
-        if old.exists():
-            old.rename(folder)
-        raise
-    descriptor = os.open(folder.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-    shutil.rmtree(old, ignore_errors=True)
+def _write_all(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Together, because each waits for the disk."""
+    with ThreadPoolExecutor(len(files)) as pool:
+        list(pool.map(write_atomically, [folder / name for name in files], files.values()))
 
 
 def _files(character: Character, compression: int) -> dict[str, bytes]:
@@ -124,6 +120,11 @@ def _files(character: Character, compression: int) -> dict[str, bytes]:
     if character.landmarks is not None:
         points = np.round(character.landmarks, 2).tolist()
         files["landmarks.json"] = json.dumps({"version": 1, "points_px": points}).encode()
+    if character.photo is not None:
+        files["photo.jpg"] = character.photo
+    if character.record is not None:
+        record = {"version": VERSION, **character.record}
+        files["source.json"] = (json.dumps(record, indent=1) + "\n").encode()
     return files
 
 
@@ -140,7 +141,7 @@ def load_character(folder: Path) -> Character:
         raise _absent(str(folder))
     settings = load(CharacterSettings, folder / "character.toml")
     if settings.version != VERSION:
-        raise _unreadable(folder, f"its version is {settings.version}, known is {VERSION}")
+        raise _other_version(folder, "", settings.version)
     texture = _read_image(folder / "texture.png")
     eyes = _read_image(folder / "eyes.png")
     if texture.shape[0] != texture.shape[1] or texture.shape[0] not in _SIDES:
@@ -148,7 +149,9 @@ def load_character(folder: Path) -> Character:
     if eyes.shape[1] != 320 or eyes.shape[0] != 112:
         raise _unreadable(folder, f"eyes.png is {eyes.shape[1]} x {eyes.shape[0]}")
     landmarks = _read_landmarks(folder)
-    return Character(settings.name, settings.source, settings.date, texture, eyes, landmarks)
+    photo, record = _read_photo(folder), _read_record(folder)
+    described = settings.name, settings.source, settings.date
+    return Character(*described, texture, eyes, landmarks, photo, record)
 
 
 def _read_image(path: Path) -> Image:
@@ -173,6 +176,37 @@ def _read_landmarks(folder: Path) -> NDArray[np.float64] | None:
     if points.shape != (468, 3) or not np.isfinite(points).all():
         raise _unreadable(folder, "landmarks.json does not hold 468 points")
     return points
+
+
+def _read_photo(folder: Path) -> bytes | None:
+    path = folder / "photo.jpg"
+    try:
+        return path.read_bytes() if path.exists() else None
+    except OSError as error:
+        raise _unreadable(folder, f"photo.jpg: {error.strerror or error}") from error
+
+
+def _read_record(folder: Path) -> Mapping[str, Any] | None:
+    path = folder / "source.json"
+    if not path.exists():
+        return None
+    try:
+        record = json.loads(path.read_text("utf-8"))
+        version = record.pop("version")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise _unreadable(folder, f"source.json: {error}") from error
+    if version != VERSION:
+        raise _other_version(folder, "source.json: ", version)
+    return dict(record)
+
+
+def _other_version(folder: Path, part: str, version: object) -> DataError:
+    return DataError(
+        "CHAR-READ",
+        f"the character {folder} cannot be read: {part}its version is {version}, known is "
+        f"{VERSION}",
+        "It was made by a newer program: use that one, or build the character again.",
+    )
 
 
 def _unreadable(folder: Path, why: str) -> DataError:
