@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -28,9 +29,10 @@ from hypermask.texture.fill import balance, belief
 from hypermask.texture.landmarks import FaceFinder, Landmarks
 from hypermask.texture.morphable import MorphableModel, load_model
 from hypermask.texture.normalise import SIZE, Fit, normalise
-from hypermask.texture.photo import load_photo
+from hypermask.texture.photo import decode_photo, read_photo
 from hypermask.texture.pose import head_pose
 from hypermask.texture.register import FROM_DEG, moved, shift
+from hypermask.texture.source import face_of, kept_photo, record, rounded
 from hypermask.texture.viewing import viewing
 
 Image = NDArray[np.uint8]
@@ -75,16 +77,33 @@ def build_character(
     FACE-MANY, FACE-SMALL, FACE-HIDDEN, FACE-MODELS, TEXTURE-MODEL; `HypermaskError` DISK-WRITE.
     """
     check_name(name)
-    image = load_photo(photo)
-    face = _finder(paths.models()).find(image)
+    image, data, side = read_photo(photo)
+    kept, original = kept_photo(data, image, side)
+    if not original:
+        image = decode_photo(kept, photo)  # what is kept is what the texture is made from
+    face = rounded(_finder(paths.models()).find(image))
     texture, eyes = make_texture(image, face, size)
     made = (date or datetime.date.today()).isoformat()
-    character = Character(name, photo.name, made, texture, eyes, face.points)
+    said = advice(image, face)
+    how = record(face, size, said, original)
+    character = Character(name, photo.name, made, texture, eyes, face.points, kept, how)
     if tell is not None:
-        for sentence in advice(image, face):
+        for sentence in said:
             tell(sentence)
     save_character(character, (out or paths.home() / "characters") / name, _COMPRESSION)
     return character
+
+
+def rebuild(character: Character, size: int | None = None) -> Character:
+    """The same character from what its own folder holds; nothing is written.
+
+    size: of the texture, where it shall be another. Raises `DataError` CHAR-SOURCE, PHOTO-FORMAT.
+    """
+    face, usual = face_of(character)
+    image = decode_photo(character.photo or b"", Path(character.name) / "photo.jpg")
+    texture, eyes = make_texture(image, face, size or usual)
+    how = {**(character.record or {}), "texture_size": size or usual}
+    return replace(character, texture=texture, eyes=eyes, record=how)
 
 
 def make_texture(

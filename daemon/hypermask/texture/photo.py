@@ -30,7 +30,17 @@ def load_photo(path: Path) -> Image:
 
     Raises `DataError` PHOTO-ABSENT, PHOTO-FORMAT, PHOTO-SIZE.
     """
+    return read_photo(path)[0]
+
+
+def read_photo(path: Path) -> tuple[Image, bytes, int]:
+    """(what `load_photo` gives, the file's bytes, the longer side that it has)."""
     data = _read(path)
+    return decode_photo(data, path), data, max(_header_size(data) or (0,))
+
+
+def decode_photo(data: bytes, path: Path) -> Image:
+    """As `load_photo`, from a file's bytes; path: what to call it."""
     size = _header_size(data)
     if size is None:
         raise _format(path, "is not a picture of a known kind")
