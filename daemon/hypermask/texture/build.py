@@ -37,6 +37,7 @@ from hypermask.texture.viewing import viewing
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
+Array = NDArray[np.float64]
 
 MEAN = "mean"
 """The built-in character that stands in where a photograph shows no skin."""
@@ -107,15 +108,20 @@ def rebuild(character: Character, size: int | None = None) -> Character:
 
 
 def make_texture(
-    image: Image, face: Landmarks, size: int = SIZE, model: MorphableModel | None = None
+    image: Image,
+    face: Landmarks,
+    size: int = SIZE,
+    model: MorphableModel | None = None,
+    vertices: Array | None = None,
 ) -> tuple[Image, Image]:
     """(texture (size, size, 3), eyes), both RGB, from a photograph (h, w, 3) BGR and landmarks.
 
-    size: 512 or 1024; model: another morphable model than the shipped one.
+    size: 512 or 1024; model: another morphable model than the shipped one; vertices:
+    (V, 2) pixels where the mesh lies in the photograph, instead of the automatic fit.
     Raises `DataError` FACE-HIDDEN, TEXTURE-MODEL.
     """
     model = model or load_model()
-    flat = _normalised(image, face, SIZE)
+    flat = _normalised(image, face, SIZE, vertices)
     off_front = head_pose(face.points).off_front_deg
     weight = np.minimum(belief(flat), viewing(face.points, off_front > FROM_DEG))
     if float(weight.max()) < _LEAST_BELIEF:
@@ -125,9 +131,9 @@ def make_texture(
     lined = _lip_line(flat)
     beside = shift(model, lined, weight, off_front)
     if beside is not None:
-        lined = _lip_line(_normalised(image, face, SIZE, beside))
+        lined = _lip_line(_normalised(image, face, SIZE, vertices, beside))
     found = estimate(model, small(lined), small(weight))
-    fine = lined if size == SIZE else _lip_line(_normalised(image, face, size, beside))
+    fine = lined if size == SIZE else _lip_line(_normalised(image, face, size, vertices, beside))
     weight = _enlarged(np.minimum(weight, _enlarged(found.weight, SIZE)), size)
     whole = blend(fine, weight, _enlarged(found.whole, size))
     seen = whole if size == SIZE else _reduced(whole)
@@ -145,9 +151,16 @@ def plain_texture(
     return _rgb(balance(blend(lined, weight, _enlarged(found.whole, SIZE)), mean_texture()))
 
 
-def _normalised(image: Image, face: Landmarks, size: int, beside: Map | None = None) -> Image:
+def _normalised(
+    image: Image,
+    face: Landmarks,
+    size: int,
+    vertices: Array | None = None,
+    beside: Map | None = None,
+) -> Image:
     move = None if beside is None else functools.partial(moved, shift=beside)
-    return normalise(image, face.points[:, :2], face.eye_distance, size, move=move)
+    landmarks = face.points[:, :2]
+    return normalise(image, landmarks, face.eye_distance, size, vertices=vertices, move=move)
 
 
 def _enlarged(values: Map, size: int) -> Map:

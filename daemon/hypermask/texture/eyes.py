@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -25,19 +27,31 @@ _LEAST_WHITE = 150.0
 def eye_textures(texture: Image) -> Image:
     """(HEIGHT, 2 * WIDTH, 3): left and right eye of a normalised texture, without lids."""
     eyes = [
-        _eye(texture, np.array(centre), outline)
+        _eye(texture, centre, outline)
         for centre, outline in zip(CENTRES_MM, (LEFT_EYE, RIGHT_EYE), strict=True)
     ]
     return np.concatenate(eyes, axis=1)
 
 
-def _eye(texture: Image, centre: NDArray[np.float64], outline: tuple[int, ...]) -> Image:
+@functools.cache
+def _opening(
+    centre: tuple[float, float], outline: tuple[int, ...]
+) -> tuple[tuple[slice, slice], Map, Map]:
+    """The part of the layout with one eye, each texel's place in it, and what the lids leave."""
     x, y = _grid()
     places = regions.to_texels(np.stack([x + centre[0], y + centre[1]], -1).reshape(-1, 2))
     place = places.reshape(HEIGHT, WIDTH, 2).astype(np.float32)
     opening = regions.grow(regions.polygon(outline), -0.8)
-    photo = _sample(texture.astype(np.float32), place)
-    seen = _sample(opening, place)
+    low = np.floor(places.min(axis=0)).astype(int) - 1
+    high = np.ceil(places.max(axis=0)).astype(int) + 2
+    box = (slice(low[1], high[1]), slice(low[0], high[0]))
+    return box, place - low.astype(np.float32), _sample(opening, place)
+
+
+def _eye(texture: Image, centre: tuple[float, float], outline: tuple[int, ...]) -> Image:
+    x, y = _grid()
+    box, place, seen = _opening(centre, outline)
+    photo = _sample(texture[box].astype(np.float32), place)
     middle = _iris_centre(photo, seen)
     radius = np.hypot(x - middle[0], y - middle[1]).astype(np.float32)
     white = _white(photo, seen, radius, x)
@@ -52,6 +66,7 @@ def _sample(image: Map, place: Map) -> Map:
     return np.asarray(cv2.remap(image, place[..., 0], place[..., 1], cv2.INTER_LINEAR), np.float32)
 
 
+@functools.cache
 def _grid() -> tuple[Map, Map]:
     """(x, y) mm from the eye's centre of each texel; y up."""
     x = ((np.arange(WIDTH) + 0.5) / WIDTH * 2 - 1) * HALF_MM[0]
@@ -62,15 +77,30 @@ def _grid() -> tuple[Map, Map]:
 
 def _iris_centre(photo: Map, seen: Map) -> tuple[float, float]:
     """(x, y) mm: where a disc of the iris's size is darkest, not far from straight ahead."""
-    grey = photo.mean(axis=2)
+    grey = _grey(photo)
     usual = float(np.median(grey[seen > 0.5]))
-    dark = np.where(seen > 0.5, usual - grey, 0).astype(np.float32)
     x, y = _grid()
-    disc = (np.hypot(x, y) < IRIS_MM * 0.8).astype(np.float32)
+    near = np.ix_(np.abs(y[:, 0]) < 2.5 + IRIS_MM, np.abs(x[0]) < 5 + IRIS_MM)
+    x, y = x[near], y[near]
+    dark = np.where(seen[near] > 0.5, usual - grey[near], 0).astype(np.float32)
+    disc = _disc()
     score = cv2.filter2D(dark, -1, disc, borderType=cv2.BORDER_CONSTANT) / disc.sum()
     score = np.where((np.abs(x) < 5) & (np.abs(y) < 2.5), score - 0.15 * np.hypot(x, y), -1e9)
     best = int(np.argmax(score))
     return float(x.ravel()[best]), float(y.ravel()[best])
+
+
+@functools.cache
+def _disc() -> Map:
+    """1 where an iris is dark for certain, around the middle of an even number of texels."""
+    x, y = _grid()
+    inside = (np.hypot(x, y) < IRIS_MM * 0.8).astype(np.float32)
+    return np.ascontiguousarray(inside[np.ix_(inside.any(axis=1), inside.any(axis=0))])
+
+
+def _grey(colours: Map) -> Map:
+    """The mean of the colours (h, w, 3) -> (h, w)."""
+    return np.asarray(cv2.transform(colours, np.full((1, 3), 1 / 3)), np.float32)
 
 
 def _white(photo: Map, seen: Map, radius: Map, x: Map) -> Map:
@@ -80,10 +110,10 @@ def _white(photo: Map, seen: Map, radius: Map, x: Map) -> Map:
         return np.full(photo.shape, (196, 200, 208), np.float32)
     light = photo[usable > 0.5]
     bright = np.percentile(light.mean(axis=1), 60)
-    usable *= photo.mean(axis=2) >= bright * 0.7
+    usable *= _grey(photo) >= bright * 0.7
     known = np.asarray(cv2.GaussianBlur(usable, (0, 0), 1.5), np.float32)
     white = diffuse(np.asarray(cv2.GaussianBlur(photo, (0, 0), 1.5), np.float32), known)
-    grey = white.mean(axis=2, keepdims=True)
+    grey = _grey(white)[..., None]
     white *= 0.4
     white += 0.6 * grey
     white *= max(1.0, _LEAST_WHITE / max(float(np.median(grey)), 1.0))

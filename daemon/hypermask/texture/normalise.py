@@ -76,19 +76,24 @@ def normalise(
     eye_distance: float,
     size: int = SIZE,
     fit: Fit = "landmarks",
+    vertices: Array | None = None,
     move: Callable[[Map], Map] | None = None,
 ) -> Image:
     """The photograph (h, w, 3) in the texture's layout: (size, size, 3), same colour order.
 
-    landmarks: (468, 2) pixels; eye_distance: pixels between the pupils; move: what is done to the
+    landmarks: (468, 2) pixels; eye_distance: pixels between the pupils; vertices: (V, 2) pixels
+    where the mesh lies in the photograph, instead of the automatic fit; move: what is done to the
     texels' places in the photograph (size, size, 2), such as bringing them into register.
     """
-    shrink = min(_PHOTO_EYES_PX * size / SIZE / eye_distance, 1.0)
+    shrink = shrunk(eye_distance, size)
     if shrink < 1:
         photo = cv2.resize(photo, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
         landmarks = (landmarks + 0.5) * shrink - 0.5
-    fitted = hardy_fit(_inside_lips(landmarks)) if fit == "hardy" else _vertices_in_photo(landmarks)
-    place = interpolated(fitted.astype(np.float32), size)
+        vertices = None if vertices is None else (vertices + 0.5) * shrink - 0.5
+    if vertices is None:
+        by_hardy = fit == "hardy"
+        vertices = hardy_fit(_inside_lips(landmarks)) if by_hardy else vertices_in_photo(landmarks)
+    place = interpolated(vertices.astype(np.float32), size)
     if move is not None:
         place = move(place)
     sampled = cv2.remap(
@@ -97,26 +102,38 @@ def normalise(
     return np.asarray(sampled, np.uint8)
 
 
+def shrunk(eye_distance: float, size: int = SIZE) -> float:
+    """At most 1: the scale at which a photograph has all that a texture of this size can use."""
+    scale = _PHOTO_EYES_PX * size / SIZE / eye_distance
+    return scale if scale < 1 - 1e-9 else 1.0
+
+
 def interpolated(values: NDArray[np.float32], size: int = SIZE) -> NDArray[np.float32]:
     """(size, size, c) from values at the mesh's vertices (V, c)."""
-    corners, weights = _columns(size)
-    total = np.take(values, corners[0], axis=0) * weights[0]
+    corners, weights = _columns(size, values.shape[1])
+    total = np.take(values, corners[0], axis=0)
+    total *= weights[0]
     for column in (1, 2):
-        total += np.take(values, corners[column], axis=0) * weights[column]
+        part = np.take(values, corners[column], axis=0)
+        part *= weights[column]
+        total += part
     return np.asarray(total.reshape(size, size, -1), np.float32)
 
 
 @functools.cache
-def _columns(size: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-    """(3, size * size) vertices and (3, size * size, 1) weights, each contiguous for speed."""
+def _columns(size: int, channels: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+    """(3, size * size) vertices and (3, size * size, channels) weights, contiguous for speed."""
     where = texels(size)
     corners = np.ascontiguousarray(where.corners.reshape(-1, 3).T, np.intp)
     weights = np.ascontiguousarray(where.weights.reshape(-1, 3).T)
-    return corners, weights[..., None]
+    return corners, np.repeat(weights[..., None], channels, axis=2)
 
 
-def _vertices_in_photo(landmarks: Array) -> Array:
-    """(V, 2) pixels: the landmarks, and the rim by the affine map of the face's outline."""
+def vertices_in_photo(landmarks: Array) -> Array:
+    """(V, 2) pixels: the automatic fit of landmarks (468, 2).
+
+    The landmarks themselves, and the rim by the affine map of the face's outline.
+    """
     mesh = load_mesh()
     rest = mesh.rest
     outline = list(OVAL)

@@ -93,5 +93,11 @@ def features(margin: float = 1.0) -> Map:
 
 def ramp(values: Map, low: float, high: float) -> Map:
     """0 at `low` and below, 1 at `high` and above, smooth between."""
-    t = np.clip((values - low) / (high - low), 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
+    t = np.asarray(values, np.float32) - np.float32(low)
+    t *= np.float32(1 / (high - low))
+    np.clip(t, 0, 1, out=t)
+    smooth = t * t
+    t *= -2
+    t += 3
+    smooth *= t
+    return smooth

@@ -29,7 +29,8 @@ def cosines(landmarks: Array) -> Array:
 
     landmarks: (468, 3) pixels, z in the same unit, smaller is nearer.
     """
-    mesh, triangles, places = load_mesh(), _skin(), _places(landmarks)
+    mesh = load_mesh()
+    places, triangles = _body(landmarks)
     a, b, c = (places[triangles[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)  # y is down: these point to -z, to the camera
     sums = np.zeros_like(places)
@@ -48,26 +49,21 @@ def behind(landmarks: Array) -> Array:
     """
     low = landmarks.min(axis=0)
     scale = (_DEPTH_SIDE - 9) / float((landmarks - low)[:, :2].max())
-    points = (_places(landmarks) - low) * scale + (4, 4, 0)
-    order = np.argsort(-points[_skin(), 2].mean(axis=1))
-    drawn = rasterise(points[:, :2], _skin()[order], (_DEPTH_SIDE, _DEPTH_SIDE))
+    points, triangles = _body((landmarks - low) * scale + (4, 4, 0))
+    order = np.argsort(-points[triangles, 2].mean(axis=1))
+    drawn = rasterise(points[:, :2], triangles[order], (_DEPTH_SIDE, _DEPTH_SIDE))
     depths = (points[drawn.corners, 2] * drawn.weights).sum(axis=-1)
-    points = points[:LANDMARKS]
-    x, y = np.round(points[:, :2]).astype(int).T
+    known = points[:LANDMARKS]
+    x, y = np.round(known[:, :2]).astype(int).T
     nearest = np.where(drawn.covered, depths, np.inf)[y, x]
-    return np.asarray(np.maximum(points[:, 2] - nearest, 0) / _DEPTH_SIDE)
+    return np.asarray(np.maximum(known[:, 2] - nearest, 0) / _DEPTH_SIDE)
 
 
-@functools.cache
-def _skin() -> NDArray[np.int32]:
-    """The triangles without those that reach the rim, of which a photograph tells nothing."""
-    triangles = load_mesh().triangles
-    return np.asarray(triangles[~np.isin(triangles, RIM).any(axis=1)])
-
-
-def _places(landmarks: Array) -> Array:
-    """(V, 3) of the mesh's vertices; the rim's are not known and 0."""
-    return load_mesh().halfway(np.concatenate([landmarks, np.zeros((len(RIM), 3))]))
+def _body(landmarks: Array) -> tuple[Array, NDArray[np.int32]]:
+    """(V, 3) places of all vertices, the rim's zero, and the triangles without the rim."""
+    mesh = load_mesh()
+    places = mesh.halfway(np.concatenate([landmarks, np.zeros((len(RIM), 3))]))
+    return places, mesh.triangles[~np.isin(mesh.triangles, RIM).any(axis=1)]
 
 
 def viewing(landmarks: Array, turned: bool = True) -> Map:
@@ -75,19 +71,24 @@ def viewing(landmarks: Array, turned: bool = True) -> Map:
 
     turned: whether the head is turned so far that its own parts may hide others.
     """
-    rim = np.ones(len(RIM))
-    facing = _spread(np.concatenate([cosines(landmarks), rim]))
-    square = regions.ramp(facing, *(_TURNED_COSINE if turned else _COSINE))
+    return _viewing(np.ascontiguousarray(landmarks, float).tobytes(), turned)
+
+
+@functools.lru_cache(maxsize=4)
+def _viewing(data: bytes, turned: bool) -> Map:
+    """Kept for the few photographs that are being worked on."""
+    landmarks = np.frombuffer(data).reshape(-1, 3)
+    square = regions.ramp(_spread(cosines(landmarks)), *(_TURNED_COSINE if turned else _COSINE))
     if not turned:
         return square
     clear = 1 - regions.ramp(behind(landmarks).astype(np.float32), *_BEHIND)
-    return np.asarray(square * _spread(np.concatenate([clear, rim])), np.float32)
+    return np.asarray(square * _spread(clear), np.float32)
 
 
 def _spread(values: NDArray[Any]) -> Map:
-    """(SIZE, SIZE) of values at the landmarks and the rim, softly."""
-    everywhere = load_mesh().halfway(values).astype(np.float32)
-    coarse = interpolated(everywhere[:, None], _COARSE)[..., 0]
+    """(SIZE, SIZE) of values at the landmarks (468,), softly; 1 on the rim."""
+    known = load_mesh().halfway(np.concatenate([values, np.ones(len(RIM))]))
+    coarse = interpolated(known.astype(np.float32)[:, None], _COARSE)[..., 0]
     coarse = np.clip(coarse, 0, 1)  # beyond the mesh it is extrapolated
     soft = cv2.GaussianBlur(coarse, (0, 0), 1.5)
     return np.asarray(cv2.resize(soft, (SIZE, SIZE), interpolation=cv2.INTER_LINEAR), np.float32)
