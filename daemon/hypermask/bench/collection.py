@@ -49,6 +49,10 @@ BENCHES: dict[str, Bench] = {
     "texture": Bench(
         "photo to character and the paper's experiments on it", "hypermask.bench.texture:texture"
     ),
+    "fitting": Bench(
+        "a drag of the fitting tool until the new texture is there",
+        "hypermask.bench.fitting:fitting",
+    ),
     "realtime": Bench("flips on time against the real clock", "hypermask.bench.parts:realtime"),
 }
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hypermask.cli import face_tools
 from hypermask.cli.output import JsonOption, console, print_json, reports_errors
 from hypermask.errors import UsageError
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 _ORDER_TIMEOUT_S = 30.0
 
 app = typer.Typer(help="Make and look at characters.", no_args_is_help=True)
+app.command("fit")(face_tools.fit)
+app.command("export")(face_tools.export)
 
 
 @app.command("build")

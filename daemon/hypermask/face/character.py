@@ -6,6 +6,7 @@ eyes.png         320 x 112, the left and the right eyeball (`hypermask.texture.e
 landmarks.json   the 468 points on the photograph, for characters made from one
 photo.jpg        that photograph, as it was used
 source.json      how the character was made from it (`hypermask.texture.source`)
+fit.json         what was corrected by hand, and of which photo.* beside it (`hypermask.fitting`)
 """
 
 from __future__ import annotations
@@ -82,13 +83,31 @@ def save_character(character: Character, folder: Path, compression: int = 3) -> 
 
     Raises `UsageError` CHAR-NAME, `HypermaskError` DISK-WRITE.
     """
+    _write(character, folder, compression, {}, keep=False)
+
+
+def update_character(
+    character: Character, folder: Path, files: Mapping[str, bytes], compression: int = 3
+) -> None:
+    """Write a character and more files into its folder, all or nothing; other files stay.
+
+    files: contents by name. Raises `UsageError` CHAR-NAME, `HypermaskError` DISK-WRITE.
+    """
+    _write(character, folder, compression, files, keep=True)
+
+
+def _write(
+    character: Character, folder: Path, compression: int, files: Mapping[str, bytes], keep: bool
+) -> None:
     check_name(character.name)
     temporary = ""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         clear(folder)
         temporary = tempfile.mkdtemp(dir=folder.parent, prefix=prefix(folder))
-        _write_all(Path(temporary), _files(character, compression))
+        if keep and folder.is_dir():
+            shutil.copytree(folder, temporary, dirs_exist_ok=True)
+        _write_all(Path(temporary), {**_files(character, compression), **files})
         Path(temporary).chmod(0o755)
         exchange(Path(temporary), folder)
     except OSError as error:
