@@ -91,6 +91,14 @@ def test_no_step_copies_more_than_a_slice():
     theatre.projector.close()
 
 
+def test_a_photographs_costume_is_on_the_stage_after_some_thirty_steps():
+    theatre = Theatre()
+    theatre.load("model", plain(RED))
+    fine = replace(plain(BLUE)[0].layers[0], texture=np.full((512, 512, 4), 255, np.uint8))
+    assert wear(theatre, "guest", "model", make_costume([fine], 2.2)) < 30
+    theatre.projector.close()
+
+
 def test_leaving_and_coming_again_makes_no_new_textures(theatre, monkeypatch):
     theatre.load("model", plain(RED))
     costume = make_costume(plain(BLUE)[0].layers, 2.2)

@@ -152,3 +152,15 @@ def test_a_character_that_is_made_already_can_be_ordered(tmp_path: Path) -> None
         orders.place(dresser.orders, wrong)
         dresser.step()
     assert told == ["ORDER-READ", "ORDER-READ"]
+
+
+def test_a_stage_without_spare_time_still_gets_its_guest_dressed(tmp_path: Path) -> None:
+    of = show(f'performer.photos=[[0.1, "{photo()}", "visitor"]]', "duration_s=1.6")
+    rehearsal = Rehearsal(of)
+    wings = rehearsal.lockstep.wings
+    work = wings.work
+    wings.work = lambda now_s, spare_s: work(now_s, -1.0)  # type: ignore[method-assign]
+    for _ in rehearsal.lockstep.play(1.6):
+        pass
+    assert [event.code for event in rehearsal.journal.events].count("CHAR-JOINS") == 1
+    rehearsal.close()

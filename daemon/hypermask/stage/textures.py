@@ -58,11 +58,13 @@ class TextureStock:
 
 
 def fill(texture: moderngl.Texture, levels: Levels) -> Iterator[None]:
-    """Copies a slice of at most `SLICE_BYTES` at each step."""
+    """Copies about `SLICE_BYTES` at each step, in the last one all of the small levels."""
     for number, level in enumerate(levels):
         height, width = level.shape[:2]
         rows = max(SLICE_BYTES // (4 * width), 1)
         for first in range(0, height, rows):
             part = level[first : first + rows]
             texture.write(part.tobytes(), (0, first, width, len(part)), level=number)
-            yield
+            if rows < height or level.size > SLICE_BYTES // 4:
+                yield
+    yield

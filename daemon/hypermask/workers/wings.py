@@ -35,13 +35,14 @@ class Wings:
     def work(self, now_s: float, spare_s: float) -> None:
         """Dress who waits for at most `spare_s`; what is not done goes on next time.
 
+        One step is done even without spare time: nobody waits for ever before a stage that is busy.
         now_s: clock time, for messages.
         """
         end_s = time.perf_counter() + spare_s
-        while time.perf_counter() + _STEP_S < end_s:
-            if self._steps is None and not self._begin():
-                return
+        while self._steps is not None or self._begin():
             self._step(now_s)
+            if time.perf_counter() + _STEP_S > end_s:
+                return
 
     def _begin(self) -> bool:
         record = self._board.wardrobe.latest()
