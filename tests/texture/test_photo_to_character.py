@@ -60,7 +60,7 @@ def test_pupils_are_where_a_person_placed_them(finder: FaceFinder, photo: Path) 
     wanted = _template(photo)[:2]
     error = np.linalg.norm(face.pupils - wanted, axis=1) / np.linalg.norm(wanted[1] - wanted[0])
     assert face.score > 0.9
-    assert error.max() < 0.035
+    assert error.max() < 0.025
 
 
 @needs_models

@@ -148,7 +148,10 @@ def _files(character: Character, compression: int) -> dict[str, bytes]:
 
 
 def _png(image: Image, compression: int) -> bytes:
-    done, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, compression])
+    options = [cv2.IMWRITE_PNG_COMPRESSION, compression]
+    if compression == 1:  # for photographs faster than the usual search, and smaller
+        options += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+    done, data = cv2.imencode(".png", image[..., ::-1], options)
     if not done:
         raise OSError("the picture cannot be encoded")
     return data.tobytes()

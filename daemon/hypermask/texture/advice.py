@@ -21,13 +21,22 @@ _SHARP = 0.32
 _TURNED_DEG = 15.0
 _OPEN = 0.20
 _DARK = 60.0
+_WHITE, _BURNT = 254, 0.25
+_FACE_MM = 12.0
+_HIDDEN = 0.12
 _LIPS = (13, 14)
 _MOUTH_CORNERS = (61, 291)
 
 
-def advice(image: Image, face: Landmarks) -> tuple[str, ...]:
-    """One sentence for each thing that keeps the photograph (h, w, 3) BGR from being a good one."""
-    texture = normalise(image, face.points[:, :2], face.eye_distance)
+def advice(
+    image: Image, face: Landmarks, hidden: float = 0.0, flat: Image | None = None
+) -> tuple[str, ...]:
+    """One sentence for each thing that keeps the photograph (h, w, 3) BGR from being a good one.
+
+    hidden: share of the face before which something else is seen; flat: the photograph in the
+    texture's layout, where it is at hand.
+    """
+    texture = normalise(image, face.points[:, :2], face.eye_distance) if flat is None else flat
     found = (
         (
             face.eye_distance < _SMALL_PX,
@@ -41,6 +50,15 @@ def advice(image: Image, face: Landmarks) -> tuple[str, ...]:
         ),
         (mouth_opening(face) > _OPEN, "The mouth is open: close it, teeth are not wanted."),
         (float(skin_colour(texture)[0]) < _DARK, "The face is dark: add light from the front."),
+        (
+            burnt(texture) > _BURNT,
+            "The face is too bright: its lightest parts are plain white; use less light.",
+        ),
+        (
+            hidden > _HIDDEN,
+            f"Part of the face is hidden ({hidden:.0%}): take off glasses, move hair and hands "
+            "aside; what is not seen is estimated.",
+        ),
     )
     return tuple(sentence for applies, sentence in found if applies)
 
@@ -57,10 +75,25 @@ def mouth_opening(face: Landmarks) -> float:
     return float(np.hypot(*(lower - upper)) / np.hypot(*(right - left)))
 
 
+def burnt(texture: Image) -> float:
+    """Share of the face in which a colour has reached the top of its scale."""
+    blue, green, red = cv2.split(texture[::2, ::2])
+    brightest = np.maximum(np.maximum(blue, green), red)[_face()[::2, ::2]]
+    return float((brightest >= _WHITE).mean())
+
+
+@functools.cache
+def _face() -> NDArray[np.bool_]:
+    return regions.depth_mm() > _FACE_MM
+
+
 def sharpness(texture: Image) -> float:
     """Contrast of fine detail over that of coarser, at eyes, brows, nose and lips."""
     grey = cv2.cvtColor(texture, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    fine, coarse = (cv2.GaussianBlur(grey, (0, 0), sigma) for sigma in (2, 8))
+    fine = cv2.GaussianBlur(grey, (0, 0), 2)
+    size = (grey.shape[1], grey.shape[0])
+    less = cv2.resize(fine, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    coarse = cv2.resize(cv2.GaussianBlur(less, (0, 0), 1.9), size, interpolation=cv2.INTER_LINEAR)
     where = _features()
     return float((grey - fine)[where].std() / max(float((fine - coarse)[where].std()), 1e-3))
 

@@ -23,7 +23,7 @@ from hypermask.face.character import (
 )
 from hypermask.texture import regions
 from hypermask.texture.advice import advice
-from hypermask.texture.estimate import blend, estimate, small
+from hypermask.texture.estimate import blend, estimate, hidden_share, small
 from hypermask.texture.eyes import eye_textures
 from hypermask.texture.fill import balance, belief
 from hypermask.texture.landmarks import FaceFinder, Landmarks
@@ -42,6 +42,7 @@ Array = NDArray[np.float64]
 MEAN = "mean"
 """The built-in character that stands in where a photograph shows no skin."""
 _LEAST_BELIEF = 0.35
+_MOST_HIDDEN = 0.5
 _LIP_LINE = 0.55
 _COMPRESSION = 1
 """Of the PNG: a few kB more than the usual 3, in two thirds of the time."""
@@ -83,9 +84,9 @@ def build_character(
     if not original:
         image = decode_photo(kept, photo)  # what is kept is what the texture is made from
     face = rounded(_finder(paths.models()).find(image))
-    texture, eyes = make_texture(image, face, size)
+    texture, eyes, hidden, flat = _made(image, face, size, load_model())
     made = (date or datetime.date.today()).isoformat()
-    said = advice(image, face)
+    said = advice(image, face, hidden, flat)
     how = record(face, size, said, original)
     character = Character(name, photo.name, made, texture, eyes, face.points, kept, how)
     if tell is not None:
@@ -120,7 +121,16 @@ def make_texture(
     (V, 2) pixels where the mesh lies in the photograph, instead of the automatic fit.
     Raises `DataError` FACE-HIDDEN, TEXTURE-MODEL.
     """
-    model = model or load_model()
+    texture, eyes, *_ = _made(image, face, size, model or load_model(), vertices)
+    return texture, eyes
+
+
+def _made(
+    image: Image, face: Landmarks, size: int, model: MorphableModel, vertices: Array | None = None
+) -> tuple[Image, Image, float, Image]:
+    """(texture, eyes, share of the face before which something else is seen, photograph in the
+    layout (SIZE, SIZE, 3) BGR).
+    """
     flat = _normalised(image, face, SIZE, vertices)
     off_front = head_pose(face.points).off_front_deg
     weight = np.minimum(belief(flat), viewing(face.points, off_front > FROM_DEG))
@@ -134,10 +144,17 @@ def make_texture(
         lined = _lip_line(_normalised(image, face, SIZE, vertices, beside))
     found = estimate(model, small(lined), small(weight))
     fine = lined if size == SIZE else _lip_line(_normalised(image, face, size, vertices, beside))
+    hidden = hidden_share(small(weight), found.weight)
+    if hidden > _MOST_HIDDEN:
+        raise DataError(
+            "FACE-HIDDEN",
+            f"{hidden:.0%} of the face is hidden or looks like no face",
+            "Use another photograph.",
+        )
     weight = _enlarged(np.minimum(weight, _enlarged(found.weight, SIZE)), size)
     whole = blend(fine, weight, _enlarged(found.whole, size))
     seen = whole if size == SIZE else _reduced(whole)
-    return _rgb(balance(whole, mean_texture())), _rgb(eye_textures(seen))
+    return _rgb(balance(whole, mean_texture())), _rgb(eye_textures(seen)), hidden, flat
 
 
 def plain_texture(

@@ -37,6 +37,7 @@ _ROUNDS = 3
 _FIRST = 8
 """Bases of the first round: too few for dark eyes to be fitted to sunglasses."""
 _SMOOTH = 2.0
+_INNER_MM = 15.0
 _MIRRORED = 0.7
 """How much of what is a person's own on one side of the face is taken to be on the other."""
 
@@ -166,6 +167,17 @@ def estimate(
     whole = modelled + carried(texture - modelled, kept)
     whole += mirrored(texture - whole, kept)
     return Estimate(coefficients, modelled, np.asarray(np.clip(whole, 0, 255), np.float32), kept)
+
+
+def hidden_share(believed: Map, kept: Map) -> float:
+    """Of the face's inner part: how much of what was believed turned out to be something else."""
+    inner = _inner()
+    return float(((believed - kept) * inner).sum() / max(float((believed * inner).sum()), 1.0))
+
+
+@functools.cache
+def _inner() -> Map:
+    return (small(regions.depth_mm()) > _INNER_MM).astype(np.float32)
 
 
 def strange(model: MorphableModel, texture: Map, weight: Map, coefficients: Array) -> Map:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,37 +34,33 @@ def eye_textures(texture: Image) -> Image:
     return np.concatenate(eyes, axis=1)
 
 
-@functools.cache
-def _opening(
-    centre: tuple[float, float], outline: tuple[int, ...]
-) -> tuple[tuple[slice, slice], Map, Map]:
-    """The part of the layout with one eye, each texel's place in it, and what the lids leave."""
-    x, y = _grid()
-    places = regions.to_texels(np.stack([x + centre[0], y + centre[1]], -1).reshape(-1, 2))
-    place = places.reshape(HEIGHT, WIDTH, 2).astype(np.float32)
-    opening = regions.grow(regions.polygon(outline), -0.8)
-    low = np.floor(places.min(axis=0)).astype(int) - 1
-    high = np.ceil(places.max(axis=0)).astype(int) + 2
-    box = (slice(low[1], high[1]), slice(low[0], high[0]))
-    return box, place - low.astype(np.float32), _sample(opening, place)
-
-
 def _eye(texture: Image, centre: tuple[float, float], outline: tuple[int, ...]) -> Image:
     x, y = _grid()
-    box, place, seen = _opening(centre, outline)
-    photo = _sample(texture[box].astype(np.float32), place)
+    place, seen, keep = _frame(centre, outline)
+    photo = _sample(texture, place).astype(np.float32)
     middle = _iris_centre(photo, seen)
     radius = np.hypot(x - middle[0], y - middle[1]).astype(np.float32)
     white = _white(photo, seen, radius, x)
     iris = _iris(photo, seen, radius, y - middle[1])
     inside = 1 - regions.ramp(radius, IRIS_MM - 0.5, IRIS_MM + 0.4)[..., None]
     whole = white * (1 - inside) + iris * inside
-    keep = cv2.GaussianBlur(seen, (0, 0), 2)[..., None] * 0.85
     return np.asarray(np.clip(photo * keep + whole * (1 - keep), 0, 255), np.uint8)
 
 
-def _sample(image: Map, place: Map) -> Map:
-    return np.asarray(cv2.remap(image, place[..., 0], place[..., 1], cv2.INTER_LINEAR), np.float32)
+@functools.cache
+def _frame(centre: tuple[float, float], outline: tuple[int, ...]) -> tuple[Map, Map, Map]:
+    """(the texels' places in the texture (h, w, 2), where the eye is open, how far it is kept)."""
+    x, y = _grid()
+    places = regions.to_texels(np.stack([x + centre[0], y + centre[1]], -1).reshape(-1, 2))
+    place = places.reshape(HEIGHT, WIDTH, 2).astype(np.float32)
+    opening = regions.grow(regions.polygon(outline), -0.8)
+    seen = np.asarray(_sample(opening, place), np.float32)
+    keep = np.asarray(cv2.GaussianBlur(seen, (0, 0), 2)[..., None] * 0.85, np.float32)
+    return place, seen, keep
+
+
+def _sample(image: NDArray[Any], place: Map) -> NDArray[Any]:
+    return np.asarray(cv2.remap(image, place[..., 0], place[..., 1], cv2.INTER_LINEAR))
 
 
 @functools.cache
@@ -79,12 +76,9 @@ def _iris_centre(photo: Map, seen: Map) -> tuple[float, float]:
     """(x, y) mm: where a disc of the iris's size is darkest, not far from straight ahead."""
     grey = _grey(photo)
     usual = float(np.median(grey[seen > 0.5]))
+    dark = np.where(seen > 0.5, usual - grey, 0).astype(np.float32)
     x, y = _grid()
-    near = np.ix_(np.abs(y[:, 0]) < 2.5 + IRIS_MM, np.abs(x[0]) < 5 + IRIS_MM)
-    x, y = x[near], y[near]
-    dark = np.where(seen[near] > 0.5, usual - grey[near], 0).astype(np.float32)
-    disc = _disc()
-    score = cv2.filter2D(dark, -1, disc, borderType=cv2.BORDER_CONSTANT) / disc.sum()
+    score = cv2.filter2D(dark, -1, _disc(), borderType=cv2.BORDER_CONSTANT)
     score = np.where((np.abs(x) < 5) & (np.abs(y) < 2.5), score - 0.15 * np.hypot(x, y), -1e9)
     best = int(np.argmax(score))
     return float(x.ravel()[best]), float(y.ravel()[best])
@@ -92,15 +86,16 @@ def _iris_centre(photo: Map, seen: Map) -> tuple[float, float]:
 
 @functools.cache
 def _disc() -> Map:
-    """1 where an iris is dark for certain, around the middle of an even number of texels."""
+    """The iris without its edge, summing to 1, no larger than it must be."""
     x, y = _grid()
-    inside = (np.hypot(x, y) < IRIS_MM * 0.8).astype(np.float32)
-    return np.ascontiguousarray(inside[np.ix_(inside.any(axis=1), inside.any(axis=0))])
+    disc = (np.hypot(x, y) < IRIS_MM * 0.8).astype(np.float32)
+    rows, columns = (np.flatnonzero(disc.any(axis=axis)) for axis in (1, 0))
+    small = disc[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return np.asarray(small / small.sum(), np.float32)
 
 
-def _grey(colours: Map) -> Map:
-    """The mean of the colours (h, w, 3) -> (h, w)."""
-    return np.asarray(cv2.transform(colours, np.full((1, 3), 1 / 3)), np.float32)
+def _grey(photo: Map) -> Map:
+    return np.asarray(cv2.transform(photo, np.full((1, 3), 1 / 3)), np.float32)
 
 
 def _white(photo: Map, seen: Map, radius: Map, x: Map) -> Map:

@@ -24,21 +24,14 @@ _TESTED_MM = 26.0
 _FOREHEAD_MM = 52.0
 _BEARD_MM = -38.0
 _LIMIT = 3.0
-_ROOM = 32
 _LEAST_SPREAD = (14.0, 5.0, 5.0)
 """Lab units (0 to 255): light and shade vary more than hue."""
 
 
 def skin_colour(texture: Image) -> NDArray[np.float32]:
     """Median Lab colour (3,) of the cheeks, OpenCV's 8-bit scale."""
-    skin = np.take(texture.reshape(-1, 3), _cheek_texels(), axis=0)
-    lab = cv2.cvtColor(skin[:, None], cv2.COLOR_BGR2LAB)[:, 0]
+    lab = cv2.cvtColor(texture[_cheeks()][:, None], cv2.COLOR_BGR2LAB)[:, 0].astype(np.float32)
     return np.asarray(np.median(lab, axis=0), np.float32)
-
-
-@functools.cache
-def _cheek_texels() -> NDArray[np.intp]:
-    return np.flatnonzero(_cheeks())
 
 
 @functools.cache
@@ -48,35 +41,39 @@ def _cheeks() -> NDArray[np.bool_]:
 
 def belief(texture: Image) -> Map:
     """(SIZE, SIZE) 0 to 1: how far a normalised photograph (BGR) shows the face's skin there."""
-    box = _box()
-    smooth = cv2.GaussianBlur(texture[box], (0, 0), 1.2)
-    lab = cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB).astype(np.float32)
-    seen = lab[_cheeks()[box]]
+    half = (SIZE // 2, SIZE // 2)  # skin is told by colours over millimetres, not by texels
+    lab = cv2.cvtColor(cv2.resize(texture, half, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2LAB)
+    seen = lab[_half_cheeks()].astype(np.float32)
     middle = np.median(seen, axis=0)
     spread = 1.4826 * np.median(np.abs(seen - middle), axis=0)
     spread = np.maximum(1.5 * spread, _LEAST_SPREAD)
-    scaled = cv2.transform(lab, np.column_stack([np.diag(1 / spread), -middle / spread]))
+    change = np.column_stack([np.diag(1 / spread), -middle / spread])
+    scaled = cv2.transform(lab.astype(np.float32), change)
     distance = np.sqrt(cv2.transform(scaled * scaled, np.ones((1, 3))))
-    strange = regions.ramp(distance, _LIMIT - 0.5, _LIMIT + 0.5) * _tested()[box]
-    strange = regions.grow(regions.grow(strange, -0.6), 3.6)
-    weight = np.zeros(texture.shape[:2], np.float32)
-    weight[box] = _within()[box] * (1 - regions.soften(strange, 1.5))
-    return weight
+    strange = regions.ramp(distance, _LIMIT - 0.5, _LIMIT + 0.5) * _half_tested()
+    strange = regions.soften(regions.grow(regions.grow(strange, -0.6), 3.6), 1.5)
+    fine = cv2.resize(strange, (SIZE, SIZE), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(_inside() * (1 - fine), np.float32)
 
 
 @functools.cache
-def _box() -> tuple[slice, slice]:
-    """The part of the layout with the face, with room for what is grown and softened in it."""
-    inside = _within() > 0
-    lines = (np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0)))
-    rows, columns = (slice(max(0, int(n[0]) - _ROOM), int(n[-1]) + 1 + _ROOM) for n in lines)
-    return rows, columns
-
-
-@functools.cache
-def _within() -> Map:
-    """1 well inside the face's outline, 0 at its border."""
+def _inside() -> Map:
     return regions.ramp(regions.depth_mm(), *_BORDER_MM)
+
+
+@functools.cache
+def _half_cheeks() -> NDArray[np.bool_]:
+    return _halved(regions.cheeks()) > 0.9
+
+
+@functools.cache
+def _half_tested() -> Map:
+    return _halved(_tested())
+
+
+def _halved(values: Map) -> Map:
+    half = (SIZE // 2, SIZE // 2)
+    return np.asarray(cv2.resize(values, half, interpolation=cv2.INTER_AREA), np.float32)
 
 
 @functools.cache

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hypermask.errors import DataError
 from hypermask.texture.models import DETECTOR, LANDMARKS, model_path
+from hypermask.texture.photo import scaled
 from hypermask.texture.pupils import find_pupils
 from hypermask.texture.usable import check_front, check_lit, check_upright, check_whole
 
@@ -150,10 +151,7 @@ class FaceFinder:
         source = image
         if scale > 2:  # a bilinear warp of a much larger picture would alias
             factor = 2 / scale
-            source = np.asarray(
-                cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA),
-                np.uint8,
-            )
+            source = scaled(image, factor)
             matrix = matrix * factor
         crop = cv2.warpAffine(
             source,

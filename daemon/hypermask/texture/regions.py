@@ -53,14 +53,16 @@ def polygon(landmarks: Sequence[int]) -> Map:
 
 def grow(mask: Map, millimetres: float) -> Map:
     """A region grown (or shrunk, where negative) by so many mm; the texture is not square."""
-    pixels = [abs(millimetres) * SIZE / (2000 * half) for half in (HALF_WIDTH_M, HALF_HEIGHT_M)]
+    pixels = [
+        abs(millimetres) * mask.shape[0] / (2000 * half) for half in (HALF_WIDTH_M, HALF_HEIGHT_M)
+    ]
     size = tuple(2 * round(p) + 1 for p in pixels)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, size)
     return np.asarray((cv2.dilate if millimetres > 0 else cv2.erode)(mask, kernel), np.float32)
 
 
 def soften(mask: Map, millimetres: float) -> Map:
-    sigmas = [millimetres * SIZE / (2000 * half) for half in (HALF_WIDTH_M, HALF_HEIGHT_M)]
+    sigmas = [millimetres * mask.shape[0] / (2000 * half) for half in (HALF_WIDTH_M, HALF_HEIGHT_M)]
     return np.asarray(cv2.GaussianBlur(mask, (0, 0), sigmas[0], sigmaY=sigmas[1]), np.float32)
 
 
