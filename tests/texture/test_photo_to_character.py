@@ -269,3 +269,15 @@ def test_a_character_needs_a_proper_name() -> None:
         build_character(Path("x.jpg"), "a/b")
     with pytest.raises(DataError):
         build_character(Path("x.jpg"), "a")
+
+
+@needs_models
+def test_the_astronaut_becomes_a_character(tmp_path: Path) -> None:
+    """A smiling person before a busy background: no studio photograph."""
+    pictures = pytest.importorskip("skimage.data")
+    photo = tmp_path / "astronaut.png"
+    cv2.imwrite(str(photo), np.ascontiguousarray(pictures.astronaut()[..., ::-1]))
+    told: list[str] = []
+    made = build_character(photo, "astronaut", tmp_path / "out", tell=told.append)
+    assert made.texture.shape == (SIZE, SIZE, 3)
+    assert any("small" in sentence for sentence in told)

@@ -38,6 +38,7 @@ _FIRST = 8
 """Bases of the first round: too few for dark eyes to be fitted to sunglasses."""
 _SMOOTH = 2.0
 _INNER_MM = 15.0
+_LEAST_LIGHT = 0.55
 _MIRRORED = 0.7
 """How much of what is a person's own on one side of the face is taken to be on the other."""
 
@@ -190,10 +191,17 @@ def strange(model: MorphableModel, texture: Map, weight: Map, coefficients: Arra
     residual = half - mean - offset.reshape(mean.shape)
     smooth = cv2.GaussianBlur(residual, (0, 0), _SMOOTH / 2)
     ratio = np.sqrt(cv2.transform(smooth * smooth, np.full((1, 3), 1 / 3))) / spread
+    ratio /= _light(mean + offset.reshape(mean.shape), mean)
     seen = cv2.resize(weight, size, interpolation=cv2.INTER_AREA) > 0
     found = regions.ramp(np.asarray(ratio, np.float32), *_STRANGE) * seen
     grown = cv2.dilate(found, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5)))
     return np.asarray(cv2.resize(grown, (SIDE, SIDE), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _light(modelled: Map, mean: Map) -> float:
+    """Dark skin differs from face to face, and from what covers it, by fewer levels than light."""
+    middle = np.s_[SIDE // 8 : -SIDE // 8 : 4, SIDE // 8 : -SIDE // 8 : 4]
+    return float(np.clip(modelled[middle].mean() / mean[middle].mean(), _LEAST_LIGHT, 1))
 
 
 @functools.lru_cache(maxsize=8)
