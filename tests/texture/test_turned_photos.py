@@ -115,7 +115,7 @@ def test_advice_at_thirty_degrees_and_a_refusal_in_profile(finder: FaceFinder) -
         seen = solid.turned(30)
         assert any("turned" in sentence for sentence in advice(seen, finder.find(seen)))
         with pytest.raises(DataError) as caught:
-            finder.find(solid.turned(60))
+            finder.find(solid.turned(65))
         assert caught.value.code in ("FACE-TURNED", "FACE-NONE")
 
 
