@@ -48,7 +48,7 @@ def check_front(points: Array) -> None:
         raise DataError(
             "FACE-TURNED",
             f"the head is turned {where} by {angle:.0f} degrees",
-            f"Use a photograph in which the person looks into the camera, within 30 degrees.",
+            "Use a photograph in which the person looks into the camera, within 30 degrees.",
         )
 
 
