@@ -3,8 +3,8 @@
 The frontal photograph is laid on an analytic head (an ellipsoid with nose, eye sockets, lips, chin
 and neck of usual human size, placed by a few landmarks in the picture plane) and seen by a camera
 with perspective. Its proportions are set so that the average is near people's, as the landmark
-model sees them on frontal photographs. Otherwise nothing of it is shared with the way back (`hypermask.texture.pose`): no person's
-depth by the landmark model, no mesh, another projection.
+model sees them on frontal photographs. Otherwise nothing of it is shared with the way back
+(`hypermask.texture.pose`): no person's depth by the landmark model, no mesh, another projection.
 """
 
 from __future__ import annotations
