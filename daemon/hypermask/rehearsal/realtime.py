@@ -1,7 +1,7 @@
 """The show against the real clock: every worker a process of its own, flips that must be met.
 
-This process is the stage. What the judge and the film need is read back in the time that is left
-after a flip, cut to the mask, and looked at when the show is over.
+This process is the stage. What the film needs is read back in the time that is left after a flip,
+cut to the mask; what the judge needs is drawn when the show is over.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hypermask.geometry import homogeneous_apply
 from hypermask.rehearsal import report as figures
-from hypermask.rehearsal.lockstep import Flip, LockStep
+from hypermask.rehearsal.lockstep import Flip, LockStep, read_back
 from hypermask.rehearsal.processes import Crew, crew_of
 from hypermask.rehearsal.run import Rehearsal, progress_bar
 from hypermask.rehearsal.visitors import keep_characters
@@ -32,9 +32,11 @@ from hypermask_drivers.clock import RealClock
 from hypermask_sim.scenario import Scenario
 
 PRIORITY = 40
-FILM_EVERY, PROBE_EVERY = 4, 4
+READ_EVERY = 4
+"""So many flips at 60 Hz for one that is read back for the film, and one for the judge."""
 START_DELAY_S = 0.3
 _MARGIN_PX = 4
+_RESERVE_S = 0.0005
 
 Image = NDArray[np.uint8]
 
@@ -50,13 +52,12 @@ class Cut:
 
 @dataclass(frozen=True)
 class ReadBack:
-    """A flip whose pictures were read back, each where there was time for it."""
+    """A flip whose picture was read back."""
 
     index: int
     flip_s: float
     picture: Picture
-    shown: Cut | None
-    probe: Cut | None
+    shown: Cut
     caption: str
 
 
@@ -68,14 +69,15 @@ class RealTimeStage:
         self.arrivals = rehearsal.arrivals
         self._cart = self._lockstep.cart
         self._clock = self._cart.clock
-        self._film_every = max(1, round(FILM_EVERY * self._cart.scenario.projector.rate_hz / 60))
+        self._every = max(1, round(READ_EVERY * self._cart.scenario.projector.rate_hz / 60))
         self.kept: list[ReadBack] = []
+        self.judged: list[Picture] = []
         self.flips = 0
         self.leads_s: list[float] = []
         self.mouth_lags_s: list[float] = []
         self.missed_s: list[float] = []
         self.granted: list[str] = []
-        self._cost_s = {"film": 0.002, "judge": 0.006}
+        self._read_cost_s = 0.002
         self.pacer = Pacer(1 / self._cart.scenario.projector.rate_hz)
 
     def play(self, end_s: float, on_flip: Any) -> None:
@@ -121,14 +123,10 @@ class RealTimeStage:
             for time_s in times_s:
                 self.pacer.drawn(0.0, time_s, load)
         picture = self._lockstep.before_show()
-        framebuffer = self._lockstep.cart.projector.framebuffer
         for _ in range(5):
             began_s = self._clock.now()
-            self._read(framebuffer, picture)
-            read_s = self._clock.now()
-            self._read(self._lockstep.draw_probe(picture), picture)
-            self._cost_s["film"] = max(self._cost_s["film"], read_s - began_s)
-            self._cost_s["judge"] = max(self._cost_s["judge"], self._clock.now() - read_s)
+            self._read(self._lockstep.cart.projector.framebuffer, picture)
+            self._read_cost_s = max(self._read_cost_s, self._clock.now() - began_s)
 
     def _spare_s(self, next_flip_s: float) -> float:
         """Time until the next frame must be begun."""
@@ -136,36 +134,25 @@ class RealTimeStage:
         return next_flip_s - self.pacer.budget_s(load) - self._clock.now()
 
     def _keep(self, index: int, flip_s: float, picture: Picture, next_flip_s: float) -> None:
-        """Read back for the film and for the judge in turn, where the time until the next latch
-        allows it: flips come first."""
+        """Remember flips for the judge, and read some back for the film where the time until the
+        next latch allows it: flips come first."""
         if picture.lead_s is not None and picture.items:
             self.leads_s.append(picture.lead_s)
         if picture.mouth_lag_s is not None and picture.items:
             self.mouth_lags_s.append(picture.mouth_lag_s)
-        kind = {0: "film", self._film_every // 2: "judge"}.get(index % self._film_every)
-        spare_s = self._spare_s(next_flip_s)
-        if kind is None or spare_s < self._cost_s[kind]:
-            if kind is not None:
-                self._cost_s[kind] *= 0.99  # so that it is tried again some time
+        turn = index % self._every
+        if turn == self._every // 2 and not self._lockstep.test_only:
+            self.judged.append(picture)
+        if turn or self._spare_s(next_flip_s) < self._read_cost_s + _RESERVE_S:
             return
         framebuffer = self._lockstep.projector.use(lambda device: device.framebuffer)
         if framebuffer is None:
             return
         began_s = self._clock.now()
-        shown = probe = None
-        if self._lockstep.test_only:
-            shown = probe = self._read(framebuffer, picture)
-        elif kind == "film":
-            shown = self._read(framebuffer, picture)
-        else:
-            probe = self._read(self._lockstep.draw_probe(picture), picture)
-        self.kept.append(
-            ReadBack(index, flip_s, picture, shown, probe, self._lockstep.caption(flip_s))
-        )
-        spent_s = self._clock.now() - began_s
-        self._cost_s[kind] += (0.5 if spent_s > self._cost_s[kind] else 0.05) * (
-            spent_s - self._cost_s[kind]
-        )
+        shown = self._read(framebuffer, picture)
+        self.kept.append(ReadBack(index, flip_s, picture, shown, self._lockstep.caption(flip_s)))
+        over_s = self._clock.now() - began_s - self._read_cost_s
+        self._read_cost_s += (0.5 if over_s > 0 else 0.05) * over_s
 
     def _read(self, framebuffer: moderngl.Framebuffer, picture: Picture) -> Cut:
         """The part of the framebuffer that the mask can cover."""
@@ -217,10 +204,16 @@ def play_realtime(scenario: Scenario, out: Path, pictures: bool, quiet: bool) ->
     taker = rehearsal.pictures(out) if pictures else None
     try:
         with progress_bar(quiet) as progress:
-            task = progress.add_task("judging", total=len(stage.kept))
-            for kept in stage.kept:
-                _judge(rehearsal, kept, taker)
+            task = progress.add_task("judging", total=len(stage.kept) + len(stage.judged))
+            for flip in stage.kept:
+                _look(rehearsal, flip, taker)
                 progress.advance(task)
+            for picture in stage.judged:
+                # Drawn now, with the matrix, the light and the moment that it had in the show.
+                probe = read_back(rehearsal.lockstep.draw_probe(picture))
+                rehearsal.measured.append(rehearsal.judge.examine(probe, picture.light_s))
+                progress.advance(task)
+        rehearsal.measured.sort(key=lambda frame: frame.time_s)
         report = _report(rehearsal, stage, told)
         figures.write_json(out / "report.json", report)
         if taker is not None:
@@ -254,15 +247,12 @@ def _play(
     return crew.finish()
 
 
-def _judge(rehearsal: Rehearsal, kept: ReadBack, taker: Any) -> None:
-    size = rehearsal.world.projector.size
-    if kept.probe is not None:
-        rehearsal.measured.append(
-            rehearsal.judge.examine(whole(kept.probe, size), kept.picture.light_s)
-        )
-    if kept.shown is not None and taker is not None:
-        shown = whole(kept.shown, size)
-        taker.take(Flip(kept.index, kept.flip_s, kept.picture, shown, shown), None, kept.caption)
+def _look(rehearsal: Rehearsal, flip: ReadBack, taker: Any) -> None:
+    shown = whole(flip.shown, rehearsal.world.projector.size)
+    if rehearsal.lockstep.test_only:
+        rehearsal.measured.append(rehearsal.judge.examine(shown, flip.picture.light_s))
+    if taker is not None:
+        taker.take(Flip(flip.index, flip.flip_s, flip.picture, shown, shown), None, flip.caption)
 
 
 def whole(cut: Cut, size: tuple[int, int]) -> Image:
