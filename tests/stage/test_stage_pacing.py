@@ -40,12 +40,12 @@ def test_at_least_99_percent_of_flips_are_on_time():
 def test_the_latch_is_late():
     costs = draw_costs(6000)
     budgets = play(Pacer(PERIOD), costs)
-    assert np.median(budgets[600:]) < np.quantile(costs, 0.99) + 0.003
+    assert np.median(budgets[600:]) < np.quantile(costs, 0.99) + 0.005
 
 
 def test_a_steady_machine_is_latched_within_a_millisecond_or_so():
-    budgets = play(Pacer(PERIOD), np.full(3000, 0.002))
-    assert budgets[-1] == pytest.approx(0.003, abs=0.0003)
+    budgets = play(Pacer(PERIOD), np.full(6000, 0.002))
+    assert budgets[-1] == pytest.approx(0.0035, abs=0.0003)
 
 
 def test_it_learns_that_drawing_became_slower():
@@ -85,4 +85,4 @@ def test_a_cross_fade_whose_cost_is_known_misses_no_flip_at_its_beginning():
         for _ in range(20):
             pacer.drawn(0.0, cost, load)
     assert pacer.budget_s(2) >= 0.009
-    assert pacer.budget_s(1) < 0.006, "and a single face is not begun earlier for it"
+    assert pacer.budget_s(1) < 0.008, "and a single face is not begun earlier for it"

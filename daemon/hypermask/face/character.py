@@ -76,14 +76,20 @@ def check_name(name: str) -> str:
     return name
 
 
-def save_character(character: Character, folder: Path, compression: int = 3) -> None:
+def save_character(
+    character: Character,
+    folder: Path,
+    compression: int = 3,
+    encoded: Mapping[str, bytes] | None = None,
+) -> None:
     """Write the whole folder or nothing; a character of that name is replaced.
 
-    compression: PNG's, 1 to 9; 9 is smallest and takes most of a second.
+    compression: PNG's, 1 to 9; 9 is smallest and takes most of a second; encoded: files by name
+    that are encoded already.
 
     Raises `UsageError` CHAR-NAME, `HypermaskError` DISK-WRITE.
     """
-    _write(character, folder, compression, {}, keep=False)
+    _write(character, folder, compression, encoded or {}, keep=False)
 
 
 def update_character(
@@ -107,7 +113,7 @@ def _write(
         temporary = tempfile.mkdtemp(dir=folder.parent, prefix=prefix(folder))
         if keep and folder.is_dir():
             shutil.copytree(folder, temporary, dirs_exist_ok=True)
-        _write_all(Path(temporary), {**_files(character, compression), **files})
+        _write_all(Path(temporary), _files(character, compression, files))
         Path(temporary).chmod(0o755)
         exchange(Path(temporary), folder)
     except OSError as error:
@@ -127,13 +133,13 @@ def _write_all(folder: Path, files: Mapping[str, bytes]) -> None:
         list(pool.map(write_atomically, [folder / name for name in files], files.values()))
 
 
-def _files(character: Character, compression: int) -> dict[str, bytes]:
+def _files(character: Character, compression: int, given: Mapping[str, bytes]) -> dict[str, bytes]:
     fields = {"name": character.name, "source": character.source, "date": character.date}
     lines = [f"version = {VERSION}"]
     lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
+    pictures = {"texture.png": character.texture, "eyes.png": character.eyes}
     files = {
-        "texture.png": _png(character.texture, compression),
-        "eyes.png": _png(character.eyes, compression),
+        **{n: encode_picture(p, compression) for n, p in pictures.items() if n not in given},
         "character.toml": ("\n".join(lines) + "\n").encode(),
     }
     if character.landmarks is not None:
@@ -144,14 +150,17 @@ def _files(character: Character, compression: int) -> dict[str, bytes]:
     if character.record is not None:
         record = {"version": VERSION, **character.record}
         files["source.json"] = (json.dumps(record, indent=1) + "\n").encode()
-    return files
+    return {**files, **given}
 
 
-def _png(image: Image, compression: int) -> bytes:
+def encode_picture(image: Image, compression: int) -> bytes:
+    """RGB (h, w, 3) as PNG."""
     options = [cv2.IMWRITE_PNG_COMPRESSION, compression]
     if compression == 1:  # for photographs faster than the usual search, and smaller
         options += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-    done, data = cv2.imencode(".png", image[..., ::-1], options)
+        if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # since OpenCV 4.12
+            options += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
+    done, data = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
         raise OSError("the picture cannot be encoded")
     return data.tobytes()

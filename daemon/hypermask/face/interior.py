@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +75,7 @@ def eye_places(straight: Array, shares: Array, gaze: Array) -> Array:
     return np.asarray(straight + shares * shift)
 
 
+@functools.cache
 def tongue_layer() -> MeshLayer:
     """A tongue that lies over the lower lip when it is shown; drawn over the skin."""
     columns, rows = _TONGUE_GRID
@@ -111,6 +114,7 @@ def _tongue_texture(size: int = 96) -> Image:
     return np.clip(np.dstack([colour, alpha * 255]), 0, 255).astype(np.uint8)
 
 
+@functools.cache
 def bag_layer() -> MeshLayer:
     """A ring of 20 points well inside the lips around a middle, with a painted texture."""
     count = len(points.LIPS_INNER)
@@ -142,6 +146,7 @@ def _bag_texture(size: int = 128) -> Image:
     return rgba(np.clip(picture, 0, 255).astype(np.uint8))
 
 
+@functools.cache
 def teeth_layers() -> tuple[MeshLayer, MeshLayer]:
     """Upper and lower teeth: white strips, shaded smoothly by their curve and painted gaps."""
     columns = _TEETH_COLUMNS

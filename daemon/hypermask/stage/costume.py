@@ -6,6 +6,7 @@ written by one process and mapped into memory by another on the same machine.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from hypermask.storage import write_atomically
 
 TEXTURE_GAMMA = 2.2
 VERSION = 1
+_SMALL = 256
+_LIGHT = ((np.arange(256) / 255) ** TEXTURE_GAMMA).astype(np.float32)
 
 Levels = tuple[NDArray[np.uint8], ...]
 """A texture (h, w, 4), alpha premultiplied, and its halves down to one pixel."""
@@ -40,9 +43,11 @@ def make_costume(
     layers: Sequence[MeshLayer], projector_gamma: float, names: Sequence[str] | None = None
 ) -> Costume:
     """The textures of an actor's layers (of those in `names`, without it of all)."""
-    light = np.average(
-        [mean_light(layer) for layer in layers], weights=[len(layer.triangles) for layer in layers]
-    )
+    lights = [
+        mean_light(layer) if names is None or layer.name in names else _lasting_light(layer)
+        for layer in layers
+    ]
+    light = np.average(lights, weights=[len(layer.triangles) for layer in layers])
     textures = {
         number: levels_of(layer.texture, projector_gamma)
         for number, layer in enumerate(layers)
@@ -70,14 +75,34 @@ def levels_of(rgba: NDArray[np.uint8], projector_gamma: float) -> Levels:
 
 def mean_light(layer: MeshLayer) -> float:
     """Mean light, 0..1, of the part of a layer's texture that its triangles show."""
-    size = 256
-    small = cv2.resize(layer.texture, (size, size), interpolation=cv2.INTER_AREA) / 255.0
-    light = (small[..., :3] ** TEXTURE_GAMMA).mean(axis=2) * small[..., 3]
-    shown = np.zeros((size, size), np.uint8)
-    corners = np.round(np.clip(layer.uv, 0, 1)[layer.triangles] * (size - 1)).astype(np.int32)
-    for triangle in corners:
-        cv2.fillConvexPoly(shown, triangle, (1,))
-    return float(light[shown > 0].mean())
+    size = (_SMALL, _SMALL)
+    small = cv2.resize(layer.texture, size, interpolation=cv2.INTER_AREA)
+    shown = _shown(layer.uv.tobytes(), layer.triangles.tobytes())
+    texels = small[shown]
+    light = _LIGHT[texels[:, :3]].mean(axis=1) * (texels[:, 3] / 255)
+    return float(light.mean())
+
+
+def _lasting_light(layer: MeshLayer) -> float:
+    """`mean_light` of a layer that all characters share, worked out once."""
+    found = _lasting.get(id(layer))
+    if found is None or found[0] is not layer:
+        found = _lasting[id(layer)] = (layer, mean_light(layer))
+    return found[1]
+
+
+_lasting: dict[int, tuple[MeshLayer, float]] = {}
+
+
+@functools.lru_cache(maxsize=16)
+def _shown(uv: bytes, triangles: bytes) -> NDArray[np.bool_]:
+    """Which texels of a small texture the triangles cover."""
+    covered = np.zeros((_SMALL, _SMALL), np.uint8)
+    places = np.frombuffer(uv, np.float32).reshape(-1, 2)
+    corners = places[np.frombuffer(triangles, np.int32).reshape(-1, 3)]
+    for triangle in np.round(np.clip(corners, 0, 1) * (_SMALL - 1)).astype(np.int32):
+        cv2.fillConvexPoly(covered, triangle, (1,))
+    return covered > 0
 
 
 def write_costume(costume: Costume, path: Path) -> None:

@@ -31,10 +31,10 @@ class PacingSettings(Settings):
 
     window_frames: int = Field(180, ge=10)
     quantile: float = Field(0.98, gt=0.5, le=1)
-    target_misses: float = Field(0.0005, gt=0, lt=0.01)
+    target_misses: float = Field(0.001, gt=0, lt=0.01)
     start_budget_s: float = Field(0.012, gt=0)
-    margin_start_s: float = Field(0.002, ge=0)
-    margin_floor_s: float = Field(0.001, ge=0)
+    margin_start_s: float = Field(0.004, ge=0)
+    margin_floor_s: float = Field(0.0015, ge=0)
     margin_step_s: float = Field(0.0015, gt=0)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import functools
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from hypermask.face import points
 from hypermask.face.character import (
     Character,
     check_name,
+    encode_picture,
     load_character,
     save_character,
 )
@@ -84,15 +86,21 @@ def build_character(
     if not original:
         image = decode_photo(kept, photo)  # what is kept is what the texture is made from
     face = rounded(_finder(paths.models()).find(image))
-    texture, eyes, hidden, flat = _made(image, face, size, load_model())
+    whole, seen, hidden, flat = _made(image, face, size, load_model())
     made = (date or datetime.date.today()).isoformat()
-    said = advice(image, face, hidden, flat)
-    how = record(face, size, said, original)
-    character = Character(name, photo.name, made, texture, eyes, face.points, kept, how)
+    # Two processors share what is left: OpenCV lets go of the interpreter while it works.
+    with ThreadPoolExecutor(2) as pool:
+        looking = pool.submit(_eyes, seen)
+        texture = _finished(whole)
+        packing = pool.submit(encode_picture, texture, _COMPRESSION)
+        said = advice(image, face, hidden, flat)
+        how = record(face, size, said, original)
+    character = Character(name, photo.name, made, texture, looking.result(), face.points, kept, how)
     if tell is not None:
         for sentence in said:
             tell(sentence)
-    save_character(character, (out or paths.home() / "characters") / name, _COMPRESSION)
+    folder = (out or paths.home() / "characters") / name
+    save_character(character, folder, _COMPRESSION, {"texture.png": packing.result()})
     return character
 
 
@@ -121,15 +129,17 @@ def make_texture(
     (V, 2) pixels where the mesh lies in the photograph, instead of the automatic fit.
     Raises `DataError` FACE-HIDDEN, TEXTURE-MODEL.
     """
-    texture, eyes, *_ = _made(image, face, size, model or load_model(), vertices)
-    return texture, eyes
+    whole, seen, *_ = _made(image, face, size, model or load_model(), vertices)
+    with ThreadPoolExecutor(1) as pool:
+        eyes = pool.submit(_eyes, seen)
+        return _finished(whole), eyes.result()
 
 
 def _made(
     image: Image, face: Landmarks, size: int, model: MorphableModel, vertices: Array | None = None
 ) -> tuple[Image, Image, float, Image]:
-    """(texture, eyes, share of the face before which something else is seen, photograph in the
-    layout (SIZE, SIZE, 3) BGR).
+    """(texture (size, size, 3) before it is balanced, the same at SIZE, share of the face before
+    which something else is seen, photograph in the layout (SIZE, SIZE, 3)); all BGR.
     """
     flat = _normalised(image, face, SIZE, vertices)
     off_front = head_pose(face.points).off_front_deg
@@ -154,7 +164,16 @@ def _made(
     weight = _enlarged(np.minimum(weight, _enlarged(found.weight, SIZE)), size)
     whole = blend(fine, weight, _enlarged(found.whole, size))
     seen = whole if size == SIZE else _reduced(whole)
-    return _rgb(balance(whole, mean_texture())), _rgb(eye_textures(seen)), hidden, flat
+    return whole, seen, hidden, flat
+
+
+def _finished(whole: Image) -> Image:
+    """RGB, white balance and exposure brought to the model's."""
+    return _rgb(balance(whole, mean_texture()))
+
+
+def _eyes(seen: Image) -> Image:
+    return _rgb(eye_textures(seen))
 
 
 def plain_texture(
