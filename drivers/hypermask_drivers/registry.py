@@ -13,7 +13,10 @@ _DRIVERS: dict[str, dict[str, str]] = {
     "projector": {"sim": "hypermask_sim.devices.projector:SimProjector"},
     "keypad": {"sim": "hypermask_sim.devices.keypad:SimKeypad"},
     "pantilt": {"sim": "hypermask_sim.devices.pantilt:SimPanTilt"},
-    "sound": {"sim": "hypermask_sim.devices.sound:SimSoundIn"},
+    "sound": {
+        "sim": "hypermask_sim.devices.sound:SimSoundIn",
+        "alsa": "hypermask_drivers.sound.alsa:AlsaSoundIn",
+    },
     "lamp": {"sim": "hypermask_sim.devices.lamp:SimLamp"},
     "power": {"sim": "hypermask_sim.devices.power:SimPower"},
 }

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from hypermask_drivers.clock import Clock, VirtualClock
 from hypermask_drivers.device import Device
 from hypermask_drivers.registry import driver_class
+from hypermask_drivers.sound.alsa import AlsaSettings, AlsaSoundIn
+from hypermask_sim.emulators.alsa import EmulatedAlsa, EmulatedCard
 from hypermask_sim.faults import LOSSES
 from hypermask_sim.scenario import Scenario
 from hypermask_sim.world import World
@@ -58,10 +60,32 @@ class SimRig(Rig):
         self.clock.sleep_until(self._origin_s + 20.5)
 
 
+class AlsaRig(Rig):
+    """The ALSA driver on an emulated card."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock(1000.0)
+        self.card = EmulatedCard(self.clock)
+        self.device = AlsaSoundIn(
+            AlsaSettings(device="hw:CARD=hypermask_mic"), self.clock, EmulatedAlsa([self.card])
+        )
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + seconds)
+
+    def lose(self) -> None:
+        self.card.unplug()
+
+    def bring_back(self) -> None:
+        self.card.unplug()
+        self.card.plug()
+
+
 RIGS: dict[str, dict[str, Callable[[], Rig]]] = {
     kind: {"sim": lambda kind=kind: SimRig(kind)}  # type: ignore[misc]
     for kind in LOSSES
 }
+RIGS["sound"]["alsa"] = AlsaRig
 
 
 def implementations(kind: str) -> list[str]:

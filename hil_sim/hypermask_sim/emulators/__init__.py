@@ -1,0 +1,1 @@
+"""Peers of the real drivers, which speak their hardware's language."""
