@@ -61,7 +61,8 @@ def _from_s24_3(raw: bytes) -> Samples:
 
 def _from_s24(raw: bytes) -> Samples:
     """The upper byte of each 32-bit word is not defined: it is shifted out."""
-    return (np.left_shift(np.frombuffer(raw, "<i4"), 8) / 2.0**31).astype(np.float32)
+    whole = np.left_shift(np.frombuffer(raw, "<i4"), 8)
+    return np.asarray(whole / 2.0**31, np.float32)
 
 
 def _from_s32(raw: bytes) -> Samples:

@@ -1,0 +1,30 @@
+"""`python -m hypermask.loudspeaker --machine FILE --out FOLDER`: writes the sound configuration."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from hypermask.errors import HypermaskError
+from hypermask.loudspeaker.configuration import write
+from hypermask.loudspeaker.settings import SoundSettings, load_sound
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="hypermask.loudspeaker", description=__doc__)
+    parser.add_argument("--machine", type=Path, help="TOML file with a table [sound]")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the files")
+    options = parser.parse_args(arguments)
+    try:
+        sound = load_sound(options.machine) if options.machine else SoundSettings()
+        for path in write(sound, options.out):
+            print(path)
+    except HypermaskError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
