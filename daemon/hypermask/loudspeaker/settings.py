@@ -51,7 +51,7 @@ class Notch(Settings):
     """Takes one frequency out: where microphone and loudspeaker begin to howl."""
 
     hz: float = Field(ge=20, le=8000)
-    octaves: float = Field(0.1, ge=0.02, le=2)
+    octaves: float = Field(0.05, ge=0.02, le=2)
     depth_db: float = Field(-36.0, ge=-60, le=-3)
 
 
