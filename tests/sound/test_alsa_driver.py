@@ -146,6 +146,20 @@ def test_a_card_that_falls_silent_without_an_error_is_lost() -> None:
     assert listen(driver, clock, 0.1)
 
 
+def test_a_card_may_take_its_time_before_its_first_sample() -> None:
+    driver, card, clock = make()
+    card.mute = True
+    driver.open()
+    assert listen(driver, clock, 1.5) == []
+    card.mute = False
+    assert listen(driver, clock, 0.1)
+    driver.close()
+    card.mute = True
+    driver.open()
+    with pytest.raises(DeviceLost):
+        listen(driver, clock, 2.5)
+
+
 @pytest.mark.parametrize(
     ("change", "code", "kind"),
     [

@@ -26,6 +26,9 @@ from hypermask_drivers.sound.alsa_time import SampleClock
 
 _NUMBERED = re.compile(r"^(plug|sys)?(hw|default|front|dsnoop):(CARD=)?\d")
 
+_FIRST_SOUND_S = 2.0
+"""Cards and sound servers may take their time before the first sample."""
+
 
 class AlsaSettings(Settings):
     """device: a PCM's name as in `arecord -L`; cards by name, as their numbers change.
@@ -288,7 +291,11 @@ class AlsaSoundIn(SoundIn):
         now_s = self._clock.now()
         if self._starved_s is None or available != self._starved_with:
             self._starved_s, self._starved_with = now_s, available
-        elif now_s - self._starved_s > self.settings.silent_after_s:
+            return
+        patience_s = self.settings.silent_after_s
+        if self._next_s is None:
+            patience_s = max(patience_s, _FIRST_SOUND_S)
+        if now_s - self._starved_s > patience_s:
             raise self._lost("gives no sound any more")
 
     def _wait(self, seconds: float) -> None:
