@@ -150,6 +150,13 @@ class MicrophoneSettings(Settings):
     buffers: int = Field(64, ge=1, le=4096)
 
 
+class LoudspeakerSettings(Settings):
+    """delay_ms: from the sound at the microphone to the loudspeaker's, so that sound and mouth
+    meet."""
+
+    delay_ms: Milliseconds = 45.0
+
+
 class PanTiltSettings(Settings):
     pan_deg: tuple[float, float] = (-159.0, 159.0)
     tilt_deg: tuple[float, float] = (-47.0, 31.0)
@@ -227,6 +234,7 @@ class Scenario(Settings):
     leds: LedSettings = LedSettings()
     reflections: tuple[ReflectionSettings, ...] = ()
     microphone: MicrophoneSettings = MicrophoneSettings()
+    loudspeaker: LoudspeakerSettings = LoudspeakerSettings()
     pantilt: PanTiltSettings = PanTiltSettings()
     power: PowerSettings = PowerSettings()
     latency: LatencySettings = LatencySettings()

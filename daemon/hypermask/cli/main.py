@@ -10,7 +10,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import typer
 
-from hypermask.cli import bench, calibrate, doctor, face, rehearse, voice
+from hypermask.cli import bench, calibrate, doctor, face, rehearse, stream, voice
 
 app = typer.Typer(
     name="hypermask",
@@ -25,6 +25,7 @@ app.command("doctor")(doctor.doctor)
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(face.app, name="face")
 app.add_typer(voice.app, name="voice")
+app.add_typer(stream.app, name="stream")
 
 
 def _terminated(number: int, frame: object) -> None:

@@ -33,7 +33,9 @@ class Pictures:
         self._audience = Audience(cart.projector.context, cart.world, FILM_SIZE)
         voice = cart.world.voice
         rate = cart.scenario.microphone.rate_hz
-        start = round(cart.scenario.performer.voice_start_s * rate)
+        # The audience hears the loudspeaker, which waits for the mouth.
+        late_s = cart.scenario.loudspeaker.delay_ms * 1e-3
+        start = round((cart.scenario.performer.voice_start_s + late_s) * rate)
         sound = voice.block(-start, round(duration_s * rate))
         self._film = FilmWriter(film, FILM_SIZE, rate_hz, (sound, rate))
         self._frames = 0

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hypermask.loudspeaker.offset import LipSync
 from hypermask.storage import write_atomically
 from hypermask.voice.follower import MouthFrame
 from hypermask_sim.faults import FaultSettings
@@ -36,6 +37,19 @@ def registration(frames: Sequence[FrameMeasurement]) -> dict[str, Any]:
         "max": _number(summary.max),
         "measured_frames": summary.measured_frames,
         "black_frames": summary.black_frames,
+    }
+
+
+def lip_sync(scenario: Scenario, mouth_lags_s: Sequence[float]) -> dict[str, Any] | None:
+    """How far the mouth's light and the loudspeaker's sound lie apart, by the median."""
+    if not mouth_lags_s:
+        return None
+    delay_s = scenario.loudspeaker.delay_ms * 1e-3
+    found = LipSync(float(np.median(mouth_lags_s)), delay_s)
+    return {
+        "offset_ms": round(found.offset_s * 1e3, 3),
+        "loudspeaker_delay_ms": scenario.loudspeaker.delay_ms,
+        "verdict": found.verdict,
     }
 
 

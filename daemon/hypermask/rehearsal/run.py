@@ -177,6 +177,7 @@ class Rehearsal:
             "tracking": tracking,
             "lead_ms": figures.spread(self.leads_s, 1e3),
             "mouth_lag_ms": figures.spread(self.mouth_lags_s, 1e3),
+            "lip_sync": figures.lip_sync(scenario, self.mouth_lags_s),
             "compute_ms": {
                 "clock": "virtual: what the scenario's [latency] charges; measured wall times of "
                 "this run are in timings.json",
