@@ -72,6 +72,12 @@ def test_a_photograph_joins_the_running_show(
     assert (bad.returncode, bad.stderr[:13]) == (1, "PHOTO-FORMAT:")
     good = build(sorted(FACES.glob("*.jpg"))[5], environment)
     assert good.returncode == 0, good.stderr
+    told = subprocess.run(
+        command("status", "--json"), env=environment, capture_output=True, text=True, check=False
+    )
+    lines = json.loads(told.stdout)["lines"]
+    assert set(lines) >= {"tracker", "voice", "stage", "show"}
+    assert lines["tracker"]["frames"] > 0 and lines["show"]["characters"]
     assert show.wait(PATIENCE_S) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [e["code"] for e in report["events"]].count("CHAR-JOINS") == 1

@@ -10,7 +10,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import typer
 
-from hypermask.cli import bench, calibrate, doctor, face, rehearse, stream, voice
+from hypermask.cli import bench, calibrate, doctor, face, rehearse, status, stream, voice
 
 app = typer.Typer(
     name="hypermask",
@@ -22,6 +22,7 @@ app = typer.Typer(
 app.command("rehearse")(rehearse.rehearse)
 app.command("bench")(bench.bench)
 app.command("doctor")(doctor.doctor)
+app.command("status")(status.status)
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(face.app, name="face")
 app.add_typer(voice.app, name="voice")

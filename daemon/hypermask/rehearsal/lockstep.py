@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.planar import Planar
 from hypermask.face.action_units import COUNT
+from hypermask.loudspeaker.settings import Loudspeaker
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import Casting
@@ -118,7 +119,10 @@ class LockStep:
         reader = TrackReader(self.board, world.scenario.tracking.prediction, self._models)
         mapping = mapping_for(calibration, world.mask, reader)
         period_s = 1 / self._mode.rate_hz
-        self.stage = StageWorker(renderer, cast, mapping, reader, self.board, period_s, settings)
+        loudspeaker = Loudspeaker.model_construct(delay_ms=world.scenario.loudspeaker.delay_ms)
+        self.stage = StageWorker(
+            renderer, cast, mapping, reader, self.board, period_s, settings, loudspeaker
+        )
         self._renderer, self._cast = renderer, cast
         self.wings = Wings(cast, self.board, self.cart.journal)
         with projector.context:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hypermask.blackboard import LocalTopic, SharedTopic, Topic
+from hypermask.loudspeaker.offset import LIP_SYNC
 from hypermask.show.scene import SCENE
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
@@ -50,8 +51,8 @@ CURTAIN = np.dtype([("dressed", "<i8")])  # the last version that can be drawn
 
 @dataclass(frozen=True)
 class Board:
-    """track: by the tracker; mouth: by the voice; scene: by the show; pace and curtain: by the
-    stage; wardrobe: by the dresser, whose costumes lie in the folder."""
+    """track: by the tracker; mouth: by the voice; scene: by the show; pace, curtain and lip_sync:
+    by the stage; wardrobe: by the dresser, whose costumes lie in the folder."""
 
     track: Topic
     mouth: Topic
@@ -59,12 +60,14 @@ class Board:
     pace: Topic
     wardrobe: Topic
     curtain: Topic
+    lip_sync: Topic
     folder: Path | None = None
 
     @staticmethod
     def local(folder: Path | None = None) -> Board:
-        track, mouth, scene, pace, wardrobe, curtain = (LocalTopic() for _ in range(6))
-        return Board(track, mouth, scene, pace, wardrobe, curtain, folder)
+        track, mouth, scene, pace = (LocalTopic() for _ in range(4))
+        wardrobe, curtain, lip_sync = (LocalTopic() for _ in range(3))
+        return Board(track, mouth, scene, pace, wardrobe, curtain, lip_sync, folder)
 
     @staticmethod
     def shared(folder: Path) -> Board:
@@ -76,5 +79,6 @@ class Board:
             SharedTopic(folder / "pace", PACE),
             SharedTopic(folder / "wardrobe", WARDROBE),
             SharedTopic(folder / "curtain", CURTAIN),
+            SharedTopic(folder / "lip_sync", LIP_SYNC),
             folder,
         )

@@ -11,6 +11,8 @@ import numpy as np
 
 from hypermask.blackboard import Record
 from hypermask.geometry import Array, Pose
+from hypermask.loudspeaker.offset import LipSyncMeter
+from hypermask.loudspeaker.settings import Loudspeaker
 from hypermask.mask import Mask
 from hypermask.show.scene import brightness_at, characters_at, life_of, units_at
 from hypermask.stage.mapping import (
@@ -110,8 +112,12 @@ class StageWorker:
         board: Board,
         period_s: float,
         settings: StageSettings,
+        loudspeaker: Loudspeaker | None = None,
     ) -> None:
+        """loudspeaker: with it, how far mouth and sound lie apart is published each second."""
         self._renderer, self._cast = renderer, cast
+        self._lip_sync = None if loudspeaker is None else LipSyncMeter(loudspeaker)
+        self._lip_sync_s = -np.inf
         self._mapping, self._reader, self._board = mapping, reader, board
         self._fade = MaskFade(settings)
         self._settings = settings
@@ -141,7 +147,10 @@ class StageWorker:
         items = self._items(scene, mouth, light_s) if lit else ()
         self._latch_s = time.perf_counter() - began
         heard_s = None if sound is None else float(sound["time_s"])
-        return Picture(light_s, matrix, items, brightness, seen_s, heard_s)
+        picture = Picture(light_s, matrix, items, brightness, seen_s, heard_s)
+        if self._lip_sync is not None and items:
+            self._lip_sync.add(picture.mouth_lag_s)
+        return picture
 
     def _items(self, scene: Record, mouth: Array, light_s: float) -> tuple[DrawItem, ...]:
         return self._cast.items(
@@ -177,3 +186,7 @@ class StageWorker:
         record["flip_s"], record["period_s"] = flip_s, self._period_s
         record["latch_lead_s"] = latch_lead_s
         self._board.pace.publish(record)
+        if self._lip_sync is not None and flip_s - self._lip_sync_s >= 1:
+            apart, self._lip_sync_s = self._lip_sync.record(flip_s), flip_s
+            if apart is not None:
+                self._board.lip_sync.publish(apart)
