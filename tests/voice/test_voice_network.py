@@ -1,4 +1,4 @@
-"""The 20-20-13 network, its file, and the reference shapes it interpolates."""
+"""The paper's 20-20-13 network, its data base of speakers, and the reference shapes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from hypermask.errors import DataError
-from hypermask.voice import network
+from hypermask.voice import network, paper_base
+from hypermask.voice.paper_train import joined
 from hypermask.voice.shapes import (
     SHAPE_NAMES,
     Interpolation,
@@ -16,14 +17,16 @@ from hypermask.voice.shapes import (
     reference_shapes,
 )
 
-PACKAGE_DATA = network.Path(network.__file__).parent / "data"
-
 
 def any_network(seed: int = 0) -> network.Network:
     rng = np.random.default_rng(seed)
     sizes = [(20,), (20,), (20, 20), (20,), (20, 13), (13,)]
-    parts = [rng.uniform(0.5, 1.5, size).astype(np.float32).astype(float) for size in sizes]
-    return network.Network(*parts, shapes=np.eye(6, 13))
+    parts = [rng.uniform(0.5, 1.5, size).astype(np.float16).astype(float) for size in sizes]
+    return network.Network(*parts, shapes=reference_shapes())
+
+
+def any_base() -> paper_base.PaperBase:
+    return joined(["anna", "bert", "carl"], [any_network(seed) for seed in range(3)])
 
 
 def test_the_network_is_20_20_13():
@@ -38,43 +41,68 @@ def test_it_computes_a_sigmoid_layer_and_a_linear_one():
     np.testing.assert_allclose(net(x[None])[0], hidden @ net.output_weights + net.output_bias)
 
 
-def test_a_saved_network_is_loaded_as_it_was(tmp_path):
-    network.save(any_network(), tmp_path / "n.npz")
-    loaded = network.load(tmp_path / "n.npz")
+def test_the_data_base_answers_as_each_of_its_networks():
+    base, x = any_base(), np.random.default_rng(2).standard_normal((5, 20))
+    for k, name in enumerate(base.names):
+        np.testing.assert_allclose(base.outputs(x)[k], base.network(name)(x))
+
+
+def test_the_network_that_makes_the_reference_shapes_best_is_chosen():
+    """Three that always make one vowel's mouth: who says that vowel gets that network."""
+    shapes = reference_shapes()
+    nets = []
+    for vowel in (1, 2, 5):
+        still = np.zeros((20, 13))
+        nets.append(replace(any_network(), output_weights=still, output_bias=shapes[vowel]))
+    base = joined(["says a", "says i", "says o"], nets)
+    x = np.zeros((4, 20))
+    assert base.choose({"i": x}) == "says i"
+    assert base.choose({"o": x}) == "says o"
+    assert base.choose({"o": x}, without="says o") == "says a"
+
+
+def test_a_saved_data_base_is_loaded_as_it_was(tmp_path):
+    paper_base.save(any_base(), tmp_path / "b.npz")
+    loaded = paper_base.load(tmp_path / "b.npz")
     x = np.random.default_rng(2).standard_normal((5, 20))
-    np.testing.assert_array_equal(loaded(x), any_network()(x))
+    np.testing.assert_array_equal(loaded.outputs(x), any_base().outputs(x))
+    assert (loaded.names, loaded.usual) == (("anna", "bert", "carl"), "anna")
+    with pytest.raises(DataError, match=r"VOICE-BASE.*dora"):
+        loaded.network("dora")
 
 
-def test_what_is_no_network_file_is_named(tmp_path):
-    path = tmp_path / "n.npz"
+def test_what_is_no_data_base_is_named(tmp_path):
+    path = tmp_path / "b.npz"
     with pytest.raises(DataError, match="VOICE-NET"):
-        network.load(path)
-    network.save(any_network(), path)
+        paper_base.load(path)
+    paper_base.save(any_base(), path)
     for length in (0, 10, 300, path.stat().st_size - 30):
         (tmp_path / "cut.npz").write_bytes(path.read_bytes()[:length])
         with pytest.raises(DataError, match="VOICE-NET"):
-            network.load(tmp_path / "cut.npz")
+            paper_base.load(tmp_path / "cut.npz")
 
 
 def test_another_version_or_size_is_refused(tmp_path, monkeypatch):
-    path = tmp_path / "n.npz"
-    monkeypatch.setattr(network, "VERSION", 99)
-    network.save(any_network(), path)
+    path = tmp_path / "b.npz"
+    monkeypatch.setattr(paper_base, "VERSION", 99)
+    paper_base.save(any_base(), path)
     monkeypatch.undo()
     with pytest.raises(DataError, match=r"VOICE-NET.*version 99"):
-        network.load(path)
-    network.save(replace(any_network(), hidden_bias=np.zeros(7)), path)
-    with pytest.raises(DataError, match=r"VOICE-NET.*hidden_bias"):
-        network.load(path)
-    network.save(replace(any_network(), hidden_bias=np.full(20, np.nan)), path)
-    with pytest.raises(DataError, match=r"VOICE-NET.*hidden_bias"):
-        network.load(path)
+        paper_base.load(path)
+    base = any_base()
+    for broken in (np.zeros((3, 7)), np.full((3, 20), np.nan)):
+        weights = {**base.weights, "hidden_bias": broken}
+        paper_base.save(replace(base, weights=weights), path)
+        with pytest.raises(DataError, match=r"VOICE-NET.*hidden_bias"):
+            paper_base.load(path)
 
 
-@pytest.mark.parametrize("model", ["default", "paper"])
-def test_the_shipped_weights_are_small_and_sound(model):
-    assert (PACKAGE_DATA / f"{model}.npz").stat().st_size < 50_000
-    assert np.isfinite(network.shipped(model)(np.zeros((1, 20)))).all()
+def test_a_hundred_speakers_are_shipped_in_one_small_file():
+    base = paper_base.shipped()
+    assert len(base.names) == 100
+    assert base.usual in base.names
+    path = paper_base.Path(paper_base.__file__).parent / "data" / "paper.npz"
+    assert path.stat().st_size < 200_000
 
 
 def test_every_shape_is_its_own_interpolation():

@@ -7,6 +7,7 @@ the table), `speaker`, `group`, `vowel`, `start_ms`, `end_ms`; others are ignore
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.errors import DataError
-from hypermask.voice.lpc import FRAME, RATE_HZ
+from hypermask.voice.lpc import FRAME, RATE_HZ, cepstra
 from hypermask.voice.resample import resample
 from hypermask.voice.wav import read_wav
 
@@ -26,7 +27,10 @@ _COLUMNS = ("file", "speaker", "group", "vowel", "start_ms", "end_ms")
 
 @dataclass(frozen=True)
 class Vowel:
-    """samples: the whole recording at 16 kHz (n,); start and end of the nucleus in samples."""
+    """samples: the whole recording at 16 kHz (n,); start and end of the nucleus in samples.
+
+    `mouth` is "" for a vowel that is none of the five.
+    """
 
     speaker: str
     group: str
@@ -47,8 +51,8 @@ class Vowel:
         return np.stack([np.pad(frame, (0, FRAME - len(frame))) for frame in nucleus])
 
 
-def read_table(path: Path) -> list[dict[str, str]]:
-    """The rows with one of the five vowels, whole.
+def read_table(path: Path, every: bool = False) -> list[dict[str, str]]:
+    """The rows with one of the five vowels (or with `every` vowel), whole.
 
     Raises `DataError` VOICE-CSV: absent, unreadable, without a column, with a broken row, or
     without any of the five vowels.
@@ -64,7 +68,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
         missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
         if missing:
             raise _bad_table(path, f"has no column '{missing[0]}'")
-        rows = [row for row in reader if _checked(path, reader.line_num, row)]
+        rows = [row for row in reader if _checked(path, reader.line_num, row) or every]
     except csv.Error as error:
         raise _bad_table(path, f"is broken at line {reader.line_num}: {error}") from error
     if not rows:
@@ -108,7 +112,7 @@ def read_vowel(table: Path, row: dict[str, str]) -> Vowel:
             f"its vowel does at {row['end_ms']} ms",
             "Copy the recording again, or correct the table.",
         )
-    mouth = MOUTH_OF_VOWEL[row["vowel"]]
+    mouth = MOUTH_OF_VOWEL.get(row["vowel"], "")
     return Vowel(row["speaker"], row["group"], row["vowel"], mouth, sound, start, end)
 
 
@@ -118,3 +122,11 @@ def _bad_table(path: Path, why: str) -> DataError:
         f"the table of vowels {path} {why}",
         f"It needs the columns {', '.join(_COLUMNS)} and one whole row for each recording.",
     )
+
+
+def cepstra_of(vowels: Sequence[Vowel]) -> dict[str, NDArray[np.float64]]:
+    """One speaker's LPC cepstra (n, 20) of each of the five vowels that he has."""
+    parts: dict[str, list[NDArray[np.float64]]] = {}
+    for vowel in vowels:
+        parts.setdefault(vowel.mouth, []).append(cepstra(vowel.frames()))
+    return {mouth: np.concatenate(frames) for mouth, frames in parts.items()}

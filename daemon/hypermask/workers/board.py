@@ -28,7 +28,14 @@ TRACK = np.dtype(
         ("camera_ready", "?"),
     ]
 )
-MOUTH = np.dtype([("time_s", "<f8"), ("parameters", "<f8", (13,)), ("level_db", "<f8")])
+MOUTH = np.dtype(
+    [
+        ("time_s", "<f8"),
+        ("parameters", "<f8", (13,)),
+        ("level_db", "<f8"),
+        ("arousal", "<f8"),  # 0 to 1, see hypermask.voice.arousal
+    ]
+)
 PACE = np.dtype([("flip_s", "<f8"), ("period_s", "<f8"), ("latch_lead_s", "<f8")])
 WARDROBE = np.dtype(
     [

@@ -8,6 +8,7 @@ from collections import deque
 import numpy as np
 
 from hypermask.voice.follower import MouthFollower, MouthFrame, VoiceSettings
+from hypermask.voice.speaker import Speaker
 from hypermask.workers.board import KEPT, MOUTH, Board
 from hypermask.workers.retry import Kept, Report
 from hypermask_drivers.clock import Clock
@@ -26,8 +27,11 @@ class VoiceWorker:
         clock: Clock,
         report: Report,
         settings: VoiceSettings | None = None,
+        speaker: Speaker | None = None,
     ) -> None:
+        """speaker: what calibration learnt of the actor, see `hypermask.voice.speaker`."""
         self._settings = settings or VoiceSettings()
+        self._speaker = speaker
         self._sound = Kept(sound, "sound", clock, report)
         self._board = board
         self._clock = clock
@@ -46,7 +50,7 @@ class VoiceWorker:
         began = time.perf_counter()
         if self._follower is None or self._rate_hz != block.rate_hz:
             self._follower, self._rate_hz = (
-                MouthFollower(block.rate_hz, self._settings),
+                MouthFollower(block.rate_hz, self._settings, self._speaker),
                 block.rate_hz,
             )
         for frame in self._follower.feed(block.samples, block.time_s):
@@ -63,6 +67,6 @@ class VoiceWorker:
     def _publish(self, frame: MouthFrame) -> None:
         record = np.zeros((), MOUTH)
         record["time_s"], record["level_db"] = frame.time_s, frame.level_db
-        record["parameters"] = frame.parameters
+        record["parameters"], record["arousal"] = frame.parameters, frame.arousal
         self._board.mouth.publish(record)
         self.history.append(frame)

@@ -1,0 +1,271 @@
+"""Speaker calibration: an actor says five vowels and is silent for a moment, ten seconds in all.
+
+Each take is checked, so that a bad one is asked for again and never learnt from. From the takes the
+last layer of the default network gets a small correction, and paper mode the best network of its
+data base. Calibration may only better things: half of every take is held out, and a correction that
+does not hear that half better is thrown away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask.errors import DataError
+from hypermask.voice import paper_base
+from hypermask.voice.features import HOP, HOP_S
+from hypermask.voice.hearing import decided
+from hypermask.voice.listening import Listened, listen
+from hypermask.voice.lpc import FRAME, RATE_HZ, cepstra
+from hypermask.voice.recurrent import UNITS, Recurrent, softmax
+from hypermask.voice.shapes import SHAPE_NAMES, nearest_shape
+from hypermask.voice.speaker import Speaker, unknown
+from hypermask.voice.visemes import CLASSES, SILENCE, VISEME_OF_CLASS, basis_shapes, class_weights
+
+ASKED = ("a", "i", "u", "e", "o", "silence")
+"""The takes, in the order in which they are asked for."""
+TAKE_S = 1.5
+"""So long is listened for each; six make nine seconds."""
+PROMPTS = {
+    "a": 'Say a long "ah", as in father.',
+    "i": 'Say a long "ee", as in see.',
+    "u": 'Say a long "oo", as in who.',
+    "e": 'Say a long "eh", as in bed.',
+    "o": 'Say a long "oh", as in go.',
+    "silence": "Stay silent for a moment.",
+}
+
+_SOFT_DB = -50.0  # full scale; the loudest 300 ms of a take
+_ABOVE_SILENCE_DB = 12.0
+_CLIPPED = 0.999
+_CLIPPED_SHARE = 0.002
+_LEAST_VOWEL_S = 0.25
+_MOST_VOICE_S = 0.2  # in the silence
+_CLASS = {"a": "aa", "i": "iy", "u": "uw", "e": "eh", "o": "oa", "silence": "silence"}
+_STEPS, _RATE = 200, 0.02
+_HOLDS = (30.0, 10.0, 3.0)  # how strongly the network as shipped is held to, tried in this order
+
+_Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Take:
+    """asked: one of `ASKED`; steady: the hops in which it sounds; problem: None, or what is wrong
+    and what to do (a code and a sentence)."""
+
+    asked: str
+    samples: _Floats  # at 16 kHz
+    heard: Listened
+    steady: NDArray[np.intp]
+    problem: tuple[str, str] | None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """speaker: what to keep; before, after: parts of the held-out frames heard rightly; adapted:
+    whether the default network got a correction."""
+
+    speaker: Speaker
+    before: float
+    after: float
+    adapted: bool
+
+    def plain(self) -> dict[str, Any]:
+        return {
+            "name": self.speaker.name,
+            "adapted": self.adapted,
+            "held_out_before": round(self.before, 4),
+            "held_out_after": round(self.after, 4),
+            "paper_net": self.speaker.paper_net,
+        }
+
+
+def check(asked: str, samples: NDArray[np.floating], network: Recurrent) -> Take:
+    """A take (n,) at 16 kHz, and whether it can be learnt from.
+
+    Problems: VOICE-SHORT, VOICE-SOFT, VOICE-CLIPPED, VOICE-NOT-VOWEL, VOICE-WRONG (another vowel),
+    VOICE-NOT-SILENT. Raises `DataError` VOICE-TAKE where `asked` is none of `ASKED`.
+    """
+    if asked not in ASKED:
+        raise DataError("VOICE-TAKE", f"there is no take '{asked}'", f"Known: {', '.join(ASKED)}.")
+    finite = np.nan_to_num(np.asarray(samples, float), nan=0.0, posinf=0.0, neginf=0.0)
+    heard = listen(network, [np.concatenate([finite, np.zeros(HOP)])])[0]
+    chances = heard.posteriors(network)
+    if asked == "silence":
+        speaks = np.flatnonzero(chances[:, SILENCE] < 0.3)
+        steady = np.arange(min(5, len(chances) - 1), len(chances))
+        return Take(asked, finite, heard, steady, _silence_problem(finite, len(speaks) * HOP_S))
+    steady = _steady(heard, chances)
+    return Take(asked, finite, heard, steady, _vowel_problem(asked, finite, heard, chances, steady))
+
+
+def _steady(heard: Listened, chances: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Hops near the loudest of the take, where somebody speaks; without onset and release."""
+    loud = heard.level_db > np.percentile(heard.level_db, 95) - 12
+    hops = np.flatnonzero(loud & (chances[:, SILENCE] < 0.5))
+    return hops[len(hops) // 8 : len(hops) - len(hops) // 8]
+
+
+def _vowel_problem(
+    asked: str,
+    samples: _Floats,
+    heard: Listened,
+    chances: NDArray[np.float32],
+    steady: NDArray[np.intp],
+) -> tuple[str, str] | None:
+    if len(samples) < 0.3 * RATE_HZ:
+        return "VOICE-SHORT", "The take is too short. Hold the vowel for a second."
+    if np.percentile(heard.level_db, 90) < _SOFT_DB:
+        return "VOICE-SOFT", "Too soft. Speak up, or turn the microphone's gain up."
+    if np.mean(np.abs(samples) >= _CLIPPED) > _CLIPPED_SHARE:
+        return "VOICE-CLIPPED", "Too loud: the sound clips. Turn the microphone's gain down."
+    if len(steady) * HOP_S < _LEAST_VOWEL_S:
+        return "VOICE-NOT-VOWEL", "No vowel was heard. Hold it for a second."
+    visemes = np.zeros(len(SHAPE_NAMES) + 3)
+    np.add.at(visemes, VISEME_OF_CLASS, chances[steady].mean(axis=0))
+    best = int(np.argmax(visemes))
+    if not 1 <= best < len(SHAPE_NAMES):
+        return "VOICE-NOT-VOWEL", "That was no vowel. Hold it for a second, without a consonant."
+    if visemes[best] > 0.8 and SHAPE_NAMES[best] != asked and visemes[_index(asked)] < 0.1:
+        return "VOICE-WRONG", f'That was "{SHAPE_NAMES[best]}". {PROMPTS[asked]}'
+    return None
+
+
+def _silence_problem(samples: _Floats, voice_s: float) -> tuple[str, str] | None:
+    if len(samples) < 0.3 * RATE_HZ:
+        return "VOICE-SHORT", "The take is too short. Stay silent for a second."
+    if voice_s > _MOST_VOICE_S:
+        return "VOICE-NOT-SILENT", "Somebody spoke. Stay silent for a second."
+    return None
+
+
+def _index(asked: str) -> int:
+    return SHAPE_NAMES.index("closed" if asked == "silence" else asked)
+
+
+def calibrate(name: str, takes: Mapping[str, Take], network: Recurrent) -> Calibration:
+    """From one good take for each of `ASKED`.
+
+    Raises `DataError` with the code of the first take that is not good, or VOICE-TAKE for one that
+    is missing.
+    """
+    for asked in ASKED:
+        if asked not in takes:
+            raise DataError(
+                "VOICE-TAKE", f"the take '{asked}' is missing", f"Record it: {PROMPTS[asked]}"
+            )
+        problem = takes[asked].problem
+        if problem is not None:
+            raise DataError(problem[0], f"the take '{asked}' cannot be used", problem[1])
+    net = paper_base.shipped().choose(
+        {asked: _cepstra(take) for asked, take in takes.items() if asked != "silence"}
+    )
+    before, after, correction = adapt(takes, network)
+    adapted = correction is not None
+    kept = correction if correction is not None else unknown().correction
+    return Calibration(Speaker(name, net, kept), before, after, adapted)
+
+
+def _cepstra(take: Take) -> _Floats:
+    begin, end = int(take.steady[0]) * HOP, (int(take.steady[-1]) + 1) * HOP
+    count = max((end - begin) // FRAME, 1)
+    sound = np.resize(take.samples[begin:], count * FRAME)
+    return cepstra(sound.reshape(count, FRAME))
+
+
+def adapt(
+    takes: Mapping[str, Take], network: Recurrent
+) -> tuple[float, float, NDArray[np.float32] | None]:
+    """Learns from one half of each take and is judged by the other, both ways round; what helps
+    (or at least makes surer and harms nothing) is then learnt from all."""
+    parts = [_halves(take) for take in takes.values()]
+    answers = [_index(asked) for asked in takes]
+    best: tuple[float, float] = _judged(network, None, parts, answers)
+    before, hold = best[0], None
+    for strength in _HOLDS:
+        found = _judged(network, strength, parts, answers)
+        if found > best:
+            best, hold = found, strength
+    if hold is None:
+        return before, before, None
+    classes = [CLASSES.index(_CLASS[asked]) for asked in takes]
+    every = [np.concatenate(halves) for halves in parts]
+    correction = _learnt(network, every, classes, hold)
+    return before, best[0], correction
+
+
+def _halves(take: Take) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    hidden = take.heard.hidden[take.steady]
+    return hidden[: len(hidden) // 2], hidden[len(hidden) // 2 :]
+
+
+def _judged(
+    network: Recurrent,
+    hold: float | None,
+    parts: list[tuple[NDArray[np.float32], NDArray[np.float32]]],
+    answers: list[int],
+) -> tuple[float, float]:
+    """Part of the held-out frames that are right, and how sure they are on the average (log)."""
+    right, sure = [], []
+    classes = [CLASSES.index(_CLASS[SHAPE_NAMES[k] if k else "silence"]) for k in answers]
+    for learnt in (0, 1):
+        correction = None
+        if hold is not None:
+            correction = _learnt(network, [halves[learnt] for halves in parts], classes, hold)
+        for halves, answer in zip(parts, answers, strict=True):
+            chances = _chances(network, halves[1 - learnt], correction)
+            right.append(heard_shapes(chances) == answer)
+            members = np.flatnonzero(answer == VISEME_OF_CLASS)
+            sure.append(np.log(chances[:, members].sum(axis=1) + 1e-3))
+    return float(np.mean(np.concatenate(right))), float(np.mean(np.concatenate(sure)))
+
+
+def heard_shapes(chances: NDArray[np.floating]) -> NDArray[np.intp]:
+    """Probabilities (n, classes) to the nearest of the six reference shapes."""
+    parameters = decided(chances.astype(float), class_weights()) @ basis_shapes()
+    return nearest_shape(parameters, basis_shapes()[: len(SHAPE_NAMES)])
+
+
+def _chances(
+    network: Recurrent, hidden: NDArray[np.float32], correction: NDArray[np.float32] | None
+) -> NDArray[np.float32]:
+    output, bias = _head(network)
+    if correction is not None:
+        output, bias = output + correction[:-1], bias + correction[-1]
+    return softmax(hidden @ output + bias)
+
+
+def _head(network: Recurrent) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    return network.output[:, : len(CLASSES)], network.output_bias[: len(CLASSES)]
+
+
+def _learnt(
+    network: Recurrent, parts: list[NDArray[np.float32]], classes: list[int], hold: float
+) -> NDArray[np.float32]:
+    """(UNITS + 1, classes): gradient descent on the cross-entropy, every take counting the same.
+
+    What is asked for is softened by what the network thinks anyway, so that a class next to the
+    right one (another "a") is not unlearnt.
+    """
+    correction = np.zeros((UNITS + 1, len(CLASSES)), np.float32)
+    members = [np.flatnonzero(VISEME_OF_CLASS[k] == VISEME_OF_CLASS) for k in classes]
+    wanted = []
+    for hidden, group in zip(parts, members, strict=True):
+        chances = _chances(network, hidden, None)
+        target = np.zeros_like(chances)
+        target[:, group] = chances[:, group] + np.float32(1e-3)
+        wanted.append(target / target.sum(axis=1, keepdims=True))
+    mean = np.zeros_like(correction)
+    for _ in range(_STEPS):
+        gradient = np.float32(hold / 1000) * correction
+        for hidden, target in zip(parts, wanted, strict=True):
+            error = (_chances(network, hidden, correction) - target) / np.float32(len(hidden))
+            gradient[:-1] += hidden.T @ error
+            gradient[-1] += error.sum(axis=0)
+        mean = np.float32(0.8) * mean + gradient
+        correction -= np.float32(_RATE) * mean
+    return correction

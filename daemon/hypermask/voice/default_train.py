@@ -1,0 +1,212 @@
+"""Trains the recurrent network that ships with the program, or measures it on unheard speakers.
+
+    python -m hypermask.voice.default_train ../shared/data/vowels \\
+        --out daemon/hypermask/voice/data/default.npz
+    python -m hypermask.voice.default_train ../shared/data/vowels --leave-out 33 --seed 1
+
+Needs Debian's espeak-ng, flite, festival, festvox-{us-slt-hts,kdlpc16k,kallpc16k,italp16k,itapc16k,
+suopuhe-lj,suopuhe-mv,ca-ona-hts,czech-ph,czech-dita,czech-krb,czech-machac} and half an hour.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress, track
+
+from hypermask.errors import HypermaskError
+from hypermask.voice import recurrent, synthesis
+from hypermask.voice.corpus import (
+    Draw,
+    Mixer,
+    Piece,
+    at_pitch,
+    of_utterance,
+    of_vowel,
+    silence,
+    sung,
+)
+from hypermask.voice.evaluate import evaluate_default, in_pink_noise
+from hypermask.voice.recurrent import Recurrent
+from hypermask.voice.recurrent_train import train
+from hypermask.voice.synthesis import FESTIVAL_VOICES, FLITE_VOICES, Espeak, Utterance
+from hypermask.voice.vowels import Vowel, read_table, read_vowel
+
+LANGUAGES = ("en-us", "en-gb-x-rp", "es", "es-419", "de", "ja")
+VARIANTS = (
+    "", "+m1", "+m2", "+m3", "+m4", "+m5", "+m6", "+f1", "+f2", "+f3", "+f4", "+klatt2", "+klatt4",
+    "+linda", "+steph", "+iven2", "+max", "+john", "+adam", "+whisper",
+)  # fmt: skip
+UNHEARD = ("+m7", "+m8", "+f5", "rms", "pc_diphone", "czech_ph")
+"""Voices that are never trained on."""
+_ENGLISH = (*FLITE_VOICES, "ked_diphone", "kal_diphone", "cmu_us_slt_arctic_hts")
+_BY_PEOPLE, _BY_FORMANTS = 40, 110  # lines a voice, lines a language
+_SEQUENCES, _ITERATIONS = 6000, 2600
+
+
+def all_vowels(folder: Path) -> list[Vowel]:
+    """All twelve vowels. Raises `DataError` VOICE-CSV or VOICE-WAV."""
+    table = folder / "vowels.csv"
+    rows = read_table(table, every=True)
+    return [read_vowel(table, row) for row in track(rows, "Reading recordings")]
+
+
+def formants(folder: Path) -> dict[tuple[str, str], tuple[float, float, float]]:
+    """Measured formants in Hz by speaker and vowel, where the table gives all three."""
+    with (folder / "vowels.csv").open("r", encoding="utf-8-sig", newline="") as file:
+        found = {}
+        for row in csv.DictReader(file):
+            values = [float(row.get(f"f{k}_hz") or 0) for k in (1, 2, 3)]
+            if all(values) and row["vowel"] in ("ah", "iy", "uw", "eh", "oa"):
+                found[row["speaker"], row["vowel"]] = (values[0], values[1], values[2])
+        return found
+
+
+def speech(rng: np.random.Generator) -> tuple[list[Utterance], list[Utterance]]:
+    """What synthesisers say that model people, and what espeak-ng says. Raises VOICE-SYNTH."""
+    people: list[Utterance] = []
+    for voice in track([v for v in FESTIVAL_VOICES if v not in UNHEARD], "Festival speaks"):
+        people += synthesis.festival(_lines(voice in _ENGLISH, rng, _BY_PEOPLE), voice)
+    for voice in track([v for v in FLITE_VOICES if v not in UNHEARD], "flite speaks"):
+        people += [synthesis.flite(line, voice) for line in _lines(True, rng, _BY_PEOPLE)]
+    espeak, formant = Espeak(), []
+    for language in track(LANGUAGES, "espeak-ng speaks"):
+        lines = synthesis.sentences(language[:2], "train")
+        for _ in range(_BY_FORMANTS):
+            shuffled = language[:2] != "ja" and rng.uniform() < 0.5
+            text = synthesis.shuffled_words(lines, rng) if shuffled else str(rng.choice(lines))
+            voice = language + str(rng.choice(VARIANTS))
+            speed, pitch = int(rng.integers(110, 260)), int(rng.integers(15, 85))
+            formant.append(espeak.say(text, voice, speed, pitch))
+    return people, formant
+
+
+def _lines(english: bool, rng: np.random.Generator, count: int) -> list[str]:
+    languages = ["en"] if english else ["es", "ja-latin"]
+    lines = [line for name in languages for line in synthesis.sentences(name, "train")]
+    half = [str(line) for line in rng.choice(lines, min(count // 2, len(lines)), replace=False)]
+    return half + [synthesis.shuffled_words(lines, rng) for _ in range(count - len(half))]
+
+
+def mixer(
+    vowels: Sequence[Vowel],
+    measured: dict[tuple[str, str], tuple[float, float, float]],
+    people: Sequence[Utterance],
+    formant: Sequence[Utterance],
+) -> Mixer:
+    by_people, by_formants = ([of_utterance(u) for u in said] for said in (people, formant))
+    return Mixer(
+        [
+            (0.34, _recorded(vowels)),
+            (0.34, _spoken(by_people)),
+            (0.23, _spoken(by_formants)),
+            (0.05, _sung(list(measured.items()))),
+            (0.04, lambda rng: [silence(int(rng.integers(100, 300)))]),
+        ],
+        by_people,
+    )
+
+
+def _recorded(vowels: Sequence[Vowel]) -> Draw:
+    """Words of one speaker; every group of speakers is heard equally often."""
+    groups: dict[str, dict[str, list[Piece]]] = {}
+    for vowel in vowels:
+        groups.setdefault(vowel.group, {}).setdefault(vowel.speaker, []).append(of_vowel(vowel))
+    speakers = [list(group.values()) for group in groups.values()]
+
+    def draw(rng: np.random.Generator) -> list[Piece]:
+        group = speakers[rng.integers(len(speakers))]
+        words = group[rng.integers(len(group))]
+        factor = rng.uniform(0.92, 1.08)
+        return [at_pitch(words[k], factor) for k in rng.integers(0, len(words), 4)]
+
+    return draw
+
+
+def _spoken(pieces: Sequence[Piece]) -> Draw:
+    def draw(rng: np.random.Generator) -> list[Piece]:
+        return [at_pitch(pieces[int(rng.integers(len(pieces)))], rng.uniform(0.85, 1.25))]
+
+    return draw
+
+
+def _sung(notes: list[tuple[tuple[str, str], tuple[float, float, float]]]) -> Draw:
+    def draw(rng: np.random.Generator) -> list[Piece]:
+        (_, vowel), measured = notes[rng.integers(len(notes))]
+        return [silence(int(rng.integers(3, 30))), sung(rng, measured, vowel)]
+
+    return draw
+
+
+def fit(
+    kept: Sequence[Vowel], folder: Path, seed: int, sequences: int, iterations: int
+) -> Recurrent:
+    """The same recordings and seed give the same network."""
+    rng = np.random.default_rng(seed)
+    people, formant = speech(rng)
+    named = {vowel.speaker for vowel in kept}
+    measured = {key: value for key, value in formants(folder).items() if key[0] in named}
+    source = mixer(kept, measured, people, formant)
+    with Progress() as bar:
+        mixing = bar.add_task("Mixing sequences", total=sequences)
+        made = source.sequences(sequences, rng, lambda: bar.advance(mixing))
+        task = bar.add_task("Back-propagation through time", total=iterations)
+
+        recent: list[float] = []
+
+        def progress(loss: float) -> None:
+            recent.append(loss)
+            shown = f"Back-propagation, loss {np.mean(recent[-100:]):.3f}"
+            bar.update(task, advance=1, description=shown)
+            if len(recent) % 500 == 0:
+                bar.console.print(f"{len(recent)} batches, {shown}")
+
+        return train(made, iterations, rng, progress=progress)
+
+
+def _asked(vowels: Sequence[Vowel]) -> list[Vowel]:
+    """The five, "haid" only where "head" is missing, as `evaluate` does."""
+    steady = {vowel.speaker for vowel in vowels if vowel.vowel == "eh"}
+    return [v for v in vowels if v.mouth and not (v.vowel == "ei" and v.speaker in steady)]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=Path, help="of vowels.csv")
+    parser.add_argument("--out", type=Path, help="where the network goes")
+    parser.add_argument("--leave-out", type=int, default=0, help="speakers kept for measuring")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--sequences", type=int, default=_SEQUENCES)
+    parser.add_argument("--iterations", type=int, default=_ITERATIONS)
+    given = parser.parse_args(arguments)
+    console = Console()
+    try:
+        vowels = all_vowels(given.folder)
+        speakers = sorted({vowel.speaker for vowel in vowels})
+        np.random.default_rng(given.seed).shuffle(speakers)
+        out = set(speakers[: given.leave_out])
+        kept = [vowel for vowel in vowels if vowel.speaker not in out]
+        network = fit(kept, given.folder, given.seed, given.sequences, given.iterations)
+        if given.out is not None:
+            recurrent.save(network, given.out)
+        unheard = _asked([vowel for vowel in vowels if vowel.speaker in out])
+        if unheard:
+            noise = np.random.default_rng(0)
+            pink = [in_pink_noise(vowel, 10.0, noise) for vowel in unheard]
+            for name, part in (("unheard speakers", unheard), ("at 10 dB pink noise", pink)):
+                result = evaluate_default(part, network)
+                console.print(name, result["frame_accuracy"], result["groups"])
+    except HypermaskError as error:
+        console.print(f"{error}")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""From what was heard to how the lips move: loudness, soft onset and release."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from hypermask.config import Settings
+from hypermask.voice.hearing import Heard
+from hypermask.voice.loudness import Loudness, LoudnessSettings
+from hypermask.voice.shapes import CLOSED
+from hypermask.voice.visemes import BASIS
+
+_Floats = NDArray[np.float64]
+SHUT: _Floats = np.eye(len(BASIS))[CLOSED]
+
+
+class LipSettings(Settings):
+    attack_s: float = Field(0.012, ge=0, le=0.2)  # time constant of opening
+    release_s: float = Field(0.020, ge=0, le=0.5)  # time constant of closing
+    opening: float = Field(1.0, ge=0, le=2)  # how far the mouth opens at the usual level
+    loudness: LoudnessSettings = LoudnessSettings()
+
+
+class Lips:
+    """Weights (8,) of the basic mouths that follow what is heard."""
+
+    def __init__(self, settings: LipSettings) -> None:
+        self._settings = settings
+        self._loudness = Loudness(settings.loudness)
+        self._weights = SHUT.copy()
+
+    def follow(self, heard: Heard, hop_s: float) -> _Floats:
+        scale = self._settings.opening * self._loudness(heard.level_db, heard.silent)
+        target = scale * heard.weights
+        target[CLOSED] = 0.0
+        target[CLOSED] = 1.0 - target.sum()
+        opens = target[CLOSED] < self._weights[CLOSED]
+        time_s = self._settings.attack_s if opens else self._settings.release_s
+        self._weights = self._weights + _step(hop_s, time_s) * (target - self._weights)
+        if 1.0 - self._weights[CLOSED] < 1e-3:
+            self._weights = SHUT.copy()
+        return self._weights
+
+    def rest(self, since_s: float) -> None:
+        """The state after `since_s` without sound."""
+        self._weights = self.resting(since_s)
+
+    def resting(self, since_s: float) -> _Floats:
+        left = 1.0 - _step(since_s, self._settings.release_s)
+        return SHUT + left * (self._weights - SHUT) if left > 1e-3 else SHUT.copy()
+
+
+class PaperLips(Lips):
+    """What the network says, at once."""
+
+    def follow(self, heard: Heard, hop_s: float) -> _Floats:
+        self._weights = heard.weights
+        return self._weights
+
+
+def _step(elapsed_s: float, time_constant_s: float) -> float:
+    """How much of the way a first-order follower goes in `elapsed_s`."""
+    return 1.0 if time_constant_s <= 0 else -math.expm1(-elapsed_s / time_constant_s)
