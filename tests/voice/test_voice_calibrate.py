@@ -21,7 +21,7 @@ NETWORK = recurrent.shipped()
 WORDS = {"a": "ah", "i": "iy", "u": "uw", "e": "eh", "o": "oa"}
 
 
-def take(asked: str, who: str = "w20") -> np.ndarray:
+def take(asked: str, who: str = "w21") -> np.ndarray:
     """The vowel of a recorded word, held a little longer; or the room."""
     if asked == "silence":
         return noise(1.0, -70).astype(float)
@@ -30,7 +30,7 @@ def take(asked: str, who: str = "w20") -> np.ndarray:
     return np.concatenate([np.zeros(3200), nucleus, nucleus[::-1], np.zeros(3200)])
 
 
-def takes(who: str = "w20"):
+def takes(who: str = "w21"):
     return {asked: check(asked, take(asked, who), NETWORK) for asked in ASKED}
 
 
@@ -89,7 +89,7 @@ def test_the_held_out_half_decides(who):
 @needs_data
 def test_calibrated_speakers_are_heard_no_worse():
     table = DATA / "vowels" / "vowels.csv"
-    who = {"m13", "w05", "b12", "g06"}
+    who = {"m13", "w06", "b12", "g06"}
     rows = [row for row in one_each(read_table(table)) if row["speaker"] in who]
     vowels = [read_vowel(table, row) for row in rows]
     before = evaluate_default(vowels, NETWORK)["frame_accuracy"]

@@ -35,10 +35,10 @@ def test_pitch_and_voicing_of_a_voice_and_of_noise():
 
 
 def test_twenty_decibels_more_or_less_make_no_difference_soon():
-    sound = np.tile(np.r_[spoken("a", 0.3), noise(0.2, -70)], 4)
+    sound = np.tile(np.r_[spoken("a", 0.3), noise(0.2, -45)], 8)
     soft, loud = heard(0.1 * sound), heard(sound)
     assert soft.shape == loud.shape == (len(soft), FEATURES)
-    assert np.abs(soft[-60:] - loud[-60:]).mean() < 0.1
+    assert np.abs(soft[-60:] - loud[-60:]).mean() < 0.12 < np.abs(soft[:30] - loud[:30]).mean()
 
 
 def test_an_hour_of_silence_ends_where_a_minute_of_it_does():
@@ -47,9 +47,9 @@ def test_an_hour_of_silence_ends_where_a_minute_of_it_does():
         bands = np.full((1, 32), level_db - 15, np.float32)
         frame = Spectrum(bands, np.zeros(1, np.float32), np.zeros(1, np.float32))
         normaliser = Normaliser()
-        for _ in range(6000):
+        for _ in range(4000):
             minute = normaliser(frame)[0]
-        for _ in range(24_000):
+        for _ in range(6_000):
             later = normaliser(frame)[0]
         np.testing.assert_array_equal(minute, later)
 

@@ -58,7 +58,7 @@ def test_it_learns_what_was_said_before():
         Sequences(features, targets, weight), 150, rng, batch=32, frames=20,
         progress=losses.append,
     )  # fmt: skip
-    assert np.mean(losses[-10:]) < 0.35 < 1.0 < losses[0]
+    assert np.mean(losses[-10:]) < 0.55 < 1.0 < losses[0]
 
 
 def test_training_is_the_same_each_time():

@@ -55,11 +55,11 @@ def test_noise_is_taught_as_the_closed_mouth_and_every_vowel_as_its_own():
 
 @needs_data
 def test_a_small_data_base_serves_a_stranger_better_than_a_random_member():
-    vowels = some_vowels({"m01", "m02", "w01", "w02", "b01", "g01"})
+    vowels = some_vowels({"m01", "m02", "w01", "w02", "b01", "g02"})
     base = paper_train.fit(vowels, 300, seed=0)
-    assert base.names == ("b01", "g01", "m01", "m02", "w01", "w02")
+    assert base.names == ("b01", "g02", "m01", "m02", "w01", "w02")
     chosen = evaluate_paper(vowels, base)["frame_accuracy"]
-    strangers = some_vowels({"m05", "w05"})
+    strangers = some_vowels({"m06", "w06"})
     assert chosen > 0.5
     assert evaluate_paper(strangers, base)["frame_accuracy"] > 0.5
 

@@ -38,6 +38,7 @@ _CLOSES_S = 0.1  # at the beginning of a pause in which a mouth may still be clo
 _OPENS_S = 0.04  # at its end: speech begins before it is loud
 _LATE_S = 0.06  # after a closure's end in which it still counts as seen
 _EARLY_S = 0.05
+_CLOSES = frozenset("pbmPBM")  # lips only come near each other for the Spanish "b" in "lobo"
 _BLOCK_S = 0.01
 _SHORT = 0.5  # a vowel's mouth at this opening is still its mouth
 
@@ -193,7 +194,7 @@ def closures(track: Track, phones: Sequence[Phone]) -> list[float | None]:
     delays: list[float | None] = []
     spans: list[list[float]] = []
     for phone in phones:
-        if phone.classes and phone.classes[0] == LIPS:
+        if phone.label[:1] in _CLOSES and phone.classes and phone.classes[0] == LIPS:
             if spans and phone.begin_s - spans[-1][1] < 1e-3:
                 spans[-1][1] = phone.end_s
             else:

@@ -115,7 +115,7 @@ def of_vowel(vowel: Vowel) -> Piece:
     weight = np.where(quiet, 1.0, 0.0)
     weight[begin - 2 : end + 4] = 0.0
     hard[begin:end] = CLASSES.index(CLASS_OF_VOWEL[vowel.vowel])
-    weight[begin:end] = 2.0 if vowel.vowel in _LEARNT_VOWELS else 0.7
+    weight[begin:end] = 3.0 if vowel.vowel in _LEARNT_VOWELS else 0.7
     if vowel.vowel == "ei":
         hard[begin + (end - begin) * 6 // 10 : end] = CLASSES.index("ih")
         weight[begin:end] = 1.5

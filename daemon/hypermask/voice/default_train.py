@@ -14,6 +14,7 @@ import argparse
 import csv
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,24 @@ UNHEARD = ("+m7", "+m8", "+f5", "rms", "pc_diphone", "czech_ph")
 """Voices that are never trained on."""
 _ENGLISH = (*FLITE_VOICES, "ked_diphone", "kal_diphone", "cmu_us_slt_arctic_hts")
 _BY_PEOPLE, _BY_FORMANTS = 40, 110  # lines a voice, lines a language
-_SEQUENCES, _ITERATIONS = 6000, 2600
+
+
+@dataclass(frozen=True)
+class Stage:
+    """recorded, people, formants, sung, silent: shares of the families of voices."""
+
+    shares: tuple[float, float, float, float, float]
+    sequences: int
+    iterations: int
+    rate: float
+
+
+STAGES = (
+    Stage((0.34, 0.34, 0.23, 0.05, 0.04), 6000, 2600, 3e-3),
+    Stage((0.45, 0.28, 0.19, 0.04, 0.04), 3000, 700, 1.2e-3),
+)
+"""First mostly speech; then the recorded vowels get more room."""
+QUICK = Stage((0.42, 0.30, 0.20, 0.04, 0.04), 4000, 1400, 3e-3)
 
 
 def all_vowels(folder: Path) -> list[Vowel]:
@@ -99,18 +117,17 @@ def mixer(
     measured: dict[tuple[str, str], tuple[float, float, float]],
     people: Sequence[Utterance],
     formant: Sequence[Utterance],
+    shares: tuple[float, float, float, float, float],
 ) -> Mixer:
     by_people, by_formants = ([of_utterance(u) for u in said] for said in (people, formant))
-    return Mixer(
-        [
-            (0.34, _recorded(vowels)),
-            (0.34, _spoken(by_people)),
-            (0.23, _spoken(by_formants)),
-            (0.05, _sung(list(measured.items()))),
-            (0.04, lambda rng: [silence(int(rng.integers(100, 300)))]),
-        ],
-        by_people,
-    )
+    draws: list[Draw] = [
+        _recorded(vowels),
+        _spoken(by_people),
+        _spoken(by_formants),
+        _sung(list(measured.items())),
+        lambda rng: [silence(int(rng.integers(100, 300)))],
+    ]
+    return Mixer(list(zip(shares, draws, strict=True)), by_people)
 
 
 def _recorded(vowels: Sequence[Vowel]) -> Draw:
@@ -145,29 +162,39 @@ def _sung(notes: list[tuple[tuple[str, str], tuple[float, float, float]]]) -> Dr
 
 
 def fit(
-    kept: Sequence[Vowel], folder: Path, seed: int, sequences: int, iterations: int
+    kept: Sequence[Vowel], folder: Path, seed: int, stages: Sequence[Stage], start: Recurrent | None
 ) -> Recurrent:
     """The same recordings and seed give the same network."""
     rng = np.random.default_rng(seed)
     people, formant = speech(rng)
     named = {vowel.speaker for vowel in kept}
     measured = {key: value for key, value in formants(folder).items() if key[0] in named}
-    source = mixer(kept, measured, people, formant)
-    with Progress() as bar:
-        mixing = bar.add_task("Mixing sequences", total=sequences)
-        made = source.sequences(sequences, rng, lambda: bar.advance(mixing))
-        task = bar.add_task("Back-propagation through time", total=iterations)
+    network = start
+    for stage in stages:
+        source = mixer(kept, measured, people, formant, stage.shares)
+        network = _stage(source, stage, network, rng)
+    assert network is not None
+    return network
 
+
+def _stage(
+    source: Mixer, stage: Stage, network: Recurrent | None, rng: np.random.Generator
+) -> Recurrent:
+    with Progress() as bar:
+        mixing = bar.add_task("Mixing sequences", total=stage.sequences)
+        made = source.sequences(stage.sequences, rng, lambda: bar.advance(mixing))
+        task = bar.add_task("Back-propagation through time", total=stage.iterations)
         recent: list[float] = []
 
         def progress(loss: float) -> None:
             recent.append(loss)
             shown = f"Back-propagation, loss {np.mean(recent[-100:]):.3f}"
             bar.update(task, advance=1, description=shown)
-            if len(recent) % 500 == 0:
-                bar.console.print(f"{len(recent)} batches, {shown}")
 
-        return train(made, iterations, rng, progress=progress)
+        weights = None if network is None else {k: v.copy() for k, v in vars(network).items()}
+        return train(
+            made, stage.iterations, rng, rate=stage.rate, progress=progress, weights=weights
+        )
 
 
 def _asked(vowels: Sequence[Vowel]) -> list[Vowel]:
@@ -182,8 +209,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="where the network goes")
     parser.add_argument("--leave-out", type=int, default=0, help="speakers kept for measuring")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--sequences", type=int, default=_SEQUENCES)
-    parser.add_argument("--iterations", type=int, default=_ITERATIONS)
+    parser.add_argument("--start", type=Path, help="a network: only the last stage is done")
+    parser.add_argument("--quick", action="store_true", help="one shorter stage, for measuring")
     given = parser.parse_args(arguments)
     console = Console()
     try:
@@ -192,7 +219,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         np.random.default_rng(given.seed).shuffle(speakers)
         out = set(speakers[: given.leave_out])
         kept = [vowel for vowel in vowels if vowel.speaker not in out]
-        network = fit(kept, given.folder, given.seed, given.sequences, given.iterations)
+        start = recurrent.load(given.start) if given.start else None
+        stages = (QUICK,) if given.quick else STAGES[-1:] if start else STAGES
+        network = fit(kept, given.folder, given.seed, stages, start)
         if given.out is not None:
             recurrent.save(network, given.out)
         unheard = _asked([vowel for vowel in vowels if vowel.speaker in out])

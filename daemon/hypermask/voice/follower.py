@@ -94,7 +94,10 @@ class MouthFollower:
         return self._ear.delay * self._ear.hop / RATE_HZ
 
     def feed(self, samples: NDArray[np.floating], time_s: float) -> list[MouthFrame]:
-        """A block (n,) whose first sample sounded at `time_s`; the frames that are now complete."""
+        """The frames that are complete with a block (n,) or (n, channels).
+
+        time_s: when its first sample sounded.
+        """
         block = _repaired(samples)
         if len(block) == 0:
             return []
@@ -155,6 +158,8 @@ def make_ear(settings: VoiceSettings, speaker: Speaker | None) -> Ear:
 
 
 def _repaired(samples: NDArray[np.floating]) -> _Floats:
-    block = np.asarray(samples, np.float64).ravel()
+    block = np.asarray(samples, np.float64)
+    if block.ndim == 2:  # (n, channels)
+        block = block.mean(axis=1)
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(block) <= _LOUDEST, block, 0.0)

@@ -15,12 +15,14 @@ from hypermask.voice.shapes import CLOSED
 from hypermask.voice.visemes import BASIS
 
 _Floats = NDArray[np.float64]
+_TRAVERSE_S = 0.03
+"""No lips open or shut in less."""
 SHUT: _Floats = np.eye(len(BASIS))[CLOSED]
 
 
 class LipSettings(Settings):
-    attack_s: float = Field(0.012, ge=0, le=0.2)  # time constant of opening
-    release_s: float = Field(0.020, ge=0, le=0.5)  # time constant of closing
+    attack_s: float = Field(0.010, ge=0, le=0.2)  # time constant of opening
+    release_s: float = Field(0.012, ge=0, le=0.5)  # time constant of closing
     opening: float = Field(1.0, ge=0, le=2)  # how far the mouth opens at the usual level
     loudness: LoudnessSettings = LoudnessSettings()
 
@@ -40,7 +42,9 @@ class Lips:
         target[CLOSED] = 1.0 - target.sum()
         opens = target[CLOSED] < self._weights[CLOSED]
         time_s = self._settings.attack_s if opens else self._settings.release_s
-        self._weights = self._weights + _step(hop_s, time_s) * (target - self._weights)
+        change = _step(hop_s, time_s) * (target - self._weights)
+        most = hop_s / _TRAVERSE_S
+        self._weights = self._weights + change * min(1.0, most / max(abs(change[CLOSED]), 1e-9))
         if 1.0 - self._weights[CLOSED] < 1e-3:
             self._weights = SHUT.copy()
         return self._weights

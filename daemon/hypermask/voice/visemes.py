@@ -46,7 +46,7 @@ _CLASS_MOUTHS: dict[str, tuple[str, dict[str, float]]] = {
     "k": ("narrow", {"i": 0.2, "e": 0.35}),
     "j": ("narrow", {"i": 0.7}),
     "aa": ("a", {"a": 1.0}),
-    "ae": ("a", {"a": 0.65, "e": 0.35}),
+    "ae": ("e", {"a": 0.4, "e": 0.6}),
     "ah": ("a", {"a": 0.6, "e": 0.25}),
     "schwa": ("e", {"e": 0.55, "a": 0.1}),
     "er": ("e", {"e": 0.5, "rounded": 0.3}),
