@@ -263,3 +263,63 @@ def test_a_telephone_and_a_studio_give_the_same_mouth():
     direct = follow(sound, 48_000)
     ours = follow(resample(sound, 48_000))
     assert np.abs(opening(direct)[: len(ours)] - opening(ours)[: len(direct)]).max() < 0.02
+
+
+def test_stereo_at_192_khz_is_the_same_voice():
+    sound = np.r_[silence(0.2, 192_000), spoken("a", 0.3, 192_000)]
+    follower = MouthFollower(192_000)
+    frames = []
+    for at in range(0, len(sound), 1920):
+        block = np.stack([sound[at : at + 1920]] * 2, axis=1)
+        frames += follower.feed(block, at / 192_000)
+    assert opening(during(frames, 0.0, 0.17)).max() < 0.01
+    assert opening(during(frames, 0.3, 0.45)).min() > 0.5
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        np.zeros(16_000, np.float32),
+        np.full(16_000, np.nan, np.float32),
+        np.sign(np.sin(np.arange(16_000))).astype(np.float32),
+        noise(1.0, -3, slope=0.0),
+    ],
+    ids=["silence", "no numbers", "full scale", "noise at full scale"],
+)
+def test_within_two_seconds_of_any_trouble_the_voice_is_followed_again(trouble):
+    usual = np.tile(np.r_[spoken("a", 0.3, level_db=-25), silence(0.1)], 8)
+    frames = follow(np.r_[usual, trouble, usual])
+    assert np.percentile(opening(during(frames, 6.2, 7.2)), 50) > 0.4
+    assert all(np.isfinite(frame.parameters).all() for frame in frames)
+
+
+def test_waiting_for_more_sound_is_told_in_the_times():
+    """With a look-ahead the same sound's frame comes later and bears the same time."""
+    sound = np.r_[silence(0.3), spoken("a", 0.4)]
+    for lookahead_ms in (0, 10, 20, 30):
+        frames = follow(sound, lookahead_ms=lookahead_ms)
+        opened = next(f.time_s for f in frames if opening([f])[0] > 0.3)
+        assert opened == pytest.approx(0.31, abs=0.035)
+        follower = MouthFollower(16_000, VoiceSettings(lookahead_ms=lookahead_ms))
+        assert follower.latency_s == pytest.approx(0.0125 + lookahead_ms / 1000)
+
+
+def test_two_minutes_of_silence_change_nothing():
+    sentence = np.r_[silence(0.3), spoken("a", 0.4, level_db=-25), silence(0.3)]
+    follower = MouthFollower(16_000)
+    first = follower.feed(sentence, 0.0)
+    hiss = noise(20.0, -75)
+    for k in range(6):
+        frames = follower.feed(hiss, 1.0 + 20 * k)
+        assert opening(frames).max() < 0.05
+    again = follower.feed(sentence, 121.0)
+    openings = [
+        opening(during(f, s + 0.45, s + 0.65)).mean() for f, s in ((first, 0), (again, 121))
+    ]
+    assert openings[1] == pytest.approx(openings[0], abs=0.15)
+
+
+def test_excitement_is_in_the_frames():
+    calm = np.tile(np.r_[spoken("a", 0.3, level_db=-30), silence(0.1)], 10)
+    frames = follow(calm)
+    assert 0 < frames[-20].arousal < 0.6

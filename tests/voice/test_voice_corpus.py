@@ -60,7 +60,7 @@ def test_a_quicker_voice_keeps_its_labels():
 
 @needs_espeak
 def test_a_stop_of_espeak_begins_with_its_silence():
-    utterance = synthesis.Espeak().say("a papa and a paper", "en-us")
+    utterance = synthesis.espeak().say("a papa and a paper", "en-us")
     for phone in (p for p in utterance.phones if p.label == "p"):
         begin = round(phone.begin_s * 16_000)
         closure = utterance.samples[begin + 80 : begin + 320]
@@ -70,7 +70,7 @@ def test_a_stop_of_espeak_begins_with_its_silence():
 @needs_espeak
 @pytest.mark.parametrize("language", ["en", "es", "de", "ja"])
 def test_four_languages_are_spoken_and_understood(language):
-    espeak = synthesis.Espeak()
+    espeak = synthesis.espeak()
     voice = {"en": "en-us"}.get(language, language)
     for line in sentences(language, "test")[:3]:
         utterance = espeak.say(line, voice)
@@ -84,7 +84,7 @@ def test_four_languages_are_spoken_and_understood(language):
 @needs_espeak
 def test_a_voice_that_does_not_exist_is_named():
     with pytest.raises(DataError, match="VOICE-SYNTH"):
-        synthesis.Espeak().say("a", "xx-nowhere")
+        synthesis.espeak().say("a", "xx-nowhere")
 
 
 @pytest.mark.parametrize("language", ["en", "es", "de", "ja", "ja-latin"])

@@ -134,7 +134,7 @@ def _read() -> list[Voice]:
 
 
 def _formants() -> Iterable[Voice]:
-    espeak = synthesis.Espeak()
+    espeak = synthesis.espeak()
 
     def say(lines: Sequence[str], name: str) -> list[Spoken]:
         said = [espeak.say(line, name) for line in lines]

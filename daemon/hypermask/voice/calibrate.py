@@ -46,8 +46,14 @@ _CLIPPED_SHARE = 0.002
 _LEAST_VOWEL_S = 0.25
 _MOST_VOICE_S = 0.2  # in the silence
 _CLASS = {"a": "aa", "i": "iy", "u": "uw", "e": "eh", "o": "oa", "silence": "silence"}
+_BLOCK = 6  # hops
 _STEPS, _RATE = 200, 0.02
-_HOLDS = (30.0, 10.0, 3.0)  # how strongly the network as shipped is held to, tried in this order
+_HOLDS = (
+    30.0,
+    10.0,
+    3.0,
+    1.0,
+)  # how strongly the network as shipped is held to, tried in this order
 
 _Floats = NDArray[np.float64]
 
@@ -199,8 +205,14 @@ def adapt(
 
 
 def _halves(take: Take) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    hidden = take.heard.hidden[take.steady]
-    return hidden[: len(hidden) // 2], hidden[len(hidden) // 2 :]
+    one, other = halves(take.steady)
+    return take.heard.hidden[one], take.heard.hidden[other]
+
+
+def halves(hops: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Blocks of 60 ms by turns: a vowel's begin and end are in both."""
+    first = np.arange(len(hops)) // _BLOCK % 2 == 0
+    return hops[first], hops[~first]
 
 
 def _judged(

@@ -104,8 +104,11 @@ def smoothed(targets: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(sum(w * padded[k : k + len(targets)] for k, w in enumerate(_SMOOTH)))
 
 
-def of_vowel(vowel: Vowel) -> Piece:
-    """A recorded h-V-d word: the nucleus is sure, the edges are only where they are plain."""
+def of_vowel(vowel: Vowel, importance: float = 3.0) -> Piece:
+    """A recorded h-V-d word: the nucleus is sure, the edges are only where they are plain.
+
+    importance: of a frame of the five vowels, where one of running speech counts 1.
+    """
     count = len(vowel.samples) // HOP
     sound = vowel.samples[: count * HOP].astype(np.float32)
     power = 10 * np.log10(np.mean(sound.reshape(count, HOP) ** 2, axis=1) + 1e-10)
@@ -115,10 +118,10 @@ def of_vowel(vowel: Vowel) -> Piece:
     weight = np.where(quiet, 1.0, 0.0)
     weight[begin - 2 : end + 4] = 0.0
     hard[begin:end] = CLASSES.index(CLASS_OF_VOWEL[vowel.vowel])
-    weight[begin:end] = 3.0 if vowel.vowel in _LEARNT_VOWELS else 0.7
+    weight[begin:end] = importance if vowel.vowel in _LEARNT_VOWELS else 0.7
     if vowel.vowel == "ei":
         hard[begin + (end - begin) * 6 // 10 : end] = CLASSES.index("ih")
-        weight[begin:end] = 1.5
+        weight[begin:end] = 0.5 * importance
     level = _level(sound[begin * HOP : end * HOP])
     targets = smoothed(np.eye(len(CLASSES))[hard])
     return Piece(sound, targets.astype(np.float16), weight.astype(np.float16), level)

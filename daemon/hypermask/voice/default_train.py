@@ -36,7 +36,7 @@ from hypermask.voice.corpus import (
 from hypermask.voice.evaluate import evaluate_default, in_pink_noise
 from hypermask.voice.recurrent import Recurrent
 from hypermask.voice.recurrent_train import train
-from hypermask.voice.synthesis import FESTIVAL_VOICES, FLITE_VOICES, Espeak, Utterance
+from hypermask.voice.synthesis import FESTIVAL_VOICES, FLITE_VOICES, Utterance
 from hypermask.voice.vowels import Vowel, read_table, read_vowel
 
 LANGUAGES = ("en-us", "en-gb-x-rp", "es", "es-419", "de", "ja")
@@ -52,20 +52,24 @@ _BY_PEOPLE, _BY_FORMANTS = 40, 110  # lines a voice, lines a language
 
 @dataclass(frozen=True)
 class Stage:
-    """recorded, people, formants, sung, silent: shares of the families of voices."""
+    """shares: of recorded words, of synthesisers that model people, of espeak-ng, of long notes and
+    of silence; importance: of a frame of a recorded vowel; spread: of the voices' pitch."""
 
     shares: tuple[float, float, float, float, float]
+    importance: float
+    spread: tuple[float, float]
     sequences: int
     iterations: int
     rate: float
 
 
 STAGES = (
-    Stage((0.34, 0.34, 0.23, 0.05, 0.04), 6000, 2600, 3e-3),
-    Stage((0.45, 0.28, 0.19, 0.04, 0.04), 3000, 700, 1.2e-3),
+    Stage((0.34, 0.34, 0.23, 0.05, 0.04), 2.0, (0.85, 1.25), 6000, 2600, 3e-3),
+    Stage((0.45, 0.28, 0.19, 0.04, 0.04), 3.0, (0.85, 1.25), 3000, 700, 1.2e-3),
+    Stage((0.60, 0.20, 0.14, 0.03, 0.03), 4.0, (0.90, 1.15), 3500, 900, 2e-3),
 )
 """First mostly speech; then the recorded vowels get more room."""
-QUICK = Stage((0.42, 0.30, 0.20, 0.04, 0.04), 4000, 1400, 3e-3)
+QUICK = Stage((0.50, 0.26, 0.17, 0.04, 0.03), 3.5, (0.90, 1.15), 4000, 1300, 3e-3)
 
 
 def all_vowels(folder: Path) -> list[Vowel]:
@@ -93,7 +97,7 @@ def speech(rng: np.random.Generator) -> tuple[list[Utterance], list[Utterance]]:
         people += synthesis.festival(_lines(voice in _ENGLISH, rng, _BY_PEOPLE), voice)
     for voice in track([v for v in FLITE_VOICES if v not in UNHEARD], "flite speaks"):
         people += [synthesis.flite(line, voice) for line in _lines(True, rng, _BY_PEOPLE)]
-    espeak, formant = Espeak(), []
+    espeak, formant = synthesis.espeak(), []
     for language in track(LANGUAGES, "espeak-ng speaks"):
         lines = synthesis.sentences(language[:2], "train")
         for _ in range(_BY_FORMANTS):
@@ -117,24 +121,26 @@ def mixer(
     measured: dict[tuple[str, str], tuple[float, float, float]],
     people: Sequence[Utterance],
     formant: Sequence[Utterance],
-    shares: tuple[float, float, float, float, float],
+    stage: Stage,
 ) -> Mixer:
     by_people, by_formants = ([of_utterance(u) for u in said] for said in (people, formant))
     draws: list[Draw] = [
-        _recorded(vowels),
-        _spoken(by_people),
-        _spoken(by_formants),
+        _recorded(vowels, stage.importance),
+        _spoken(by_people, stage.spread),
+        _spoken(by_formants, stage.spread),
         _sung(list(measured.items())),
         lambda rng: [silence(int(rng.integers(100, 300)))],
     ]
-    return Mixer(list(zip(shares, draws, strict=True)), by_people)
+    return Mixer(list(zip(stage.shares, draws, strict=True)), by_people)
 
 
-def _recorded(vowels: Sequence[Vowel]) -> Draw:
+def _recorded(vowels: Sequence[Vowel], importance: float) -> Draw:
     """Words of one speaker; every group of speakers is heard equally often."""
     groups: dict[str, dict[str, list[Piece]]] = {}
     for vowel in vowels:
-        groups.setdefault(vowel.group, {}).setdefault(vowel.speaker, []).append(of_vowel(vowel))
+        groups.setdefault(vowel.group, {}).setdefault(vowel.speaker, []).append(
+            of_vowel(vowel, importance)
+        )
     speakers = [list(group.values()) for group in groups.values()]
 
     def draw(rng: np.random.Generator) -> list[Piece]:
@@ -146,9 +152,9 @@ def _recorded(vowels: Sequence[Vowel]) -> Draw:
     return draw
 
 
-def _spoken(pieces: Sequence[Piece]) -> Draw:
+def _spoken(pieces: Sequence[Piece], spread: tuple[float, float]) -> Draw:
     def draw(rng: np.random.Generator) -> list[Piece]:
-        return [at_pitch(pieces[int(rng.integers(len(pieces)))], rng.uniform(0.85, 1.25))]
+        return [at_pitch(pieces[int(rng.integers(len(pieces)))], rng.uniform(*spread))]
 
     return draw
 
@@ -171,7 +177,7 @@ def fit(
     measured = {key: value for key, value in formants(folder).items() if key[0] in named}
     network = start
     for stage in stages:
-        source = mixer(kept, measured, people, formant, stage.shares)
+        source = mixer(kept, measured, people, formant, stage)
         network = _stage(source, stage, network, rng)
     assert network is not None
     return network

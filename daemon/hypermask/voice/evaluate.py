@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hypermask.errors import UsageError
 from hypermask.voice import noise, paper_base, recurrent
-from hypermask.voice.calibrate import Take, adapt, heard_shapes
+from hypermask.voice.calibrate import Take, adapt, halves, heard_shapes
 from hypermask.voice.features import HOP
 from hypermask.voice.hearing import decided
 from hypermask.voice.listening import listen
@@ -79,8 +79,8 @@ def heard_by_default(vowels: Sequence[Vowel], network: Recurrent) -> list[NDArra
 
 
 def evaluate_calibrated(vowels: Sequence[Vowel], network: Recurrent) -> dict[str, Any]:
-    """Every speaker calibrated with one half of each of his vowels and judged by the other half,
-    both ways round; silence is what was recorded before the word."""
+    """Every speaker calibrated with half of each of his vowels (blocks of 60 ms by turns) and
+    judged by the other half, both ways round; silence is what was recorded before the word."""
     judged: list[Vowel] = []
     shapes: list[NDArray[np.intp]] = []
     for speaker in dict.fromkeys(vowel.speaker for vowel in vowels):
@@ -90,11 +90,11 @@ def evaluate_calibrated(vowels: Sequence[Vowel], network: Recurrent) -> dict[str
             np.arange(len(one.hidden))[nucleus(v, len(one.hidden))]
             for v, one in zip(own, heard, strict=True)
         ]
-        halves = [(at[: len(at) // 2], at[len(at) // 2 :]) for at in hops]
+        parts = [halves(at) for at in hops]
         for learnt in (0, 1):
             takes = {
                 vowel.mouth: Take(vowel.mouth, vowel.samples, one, half[learnt], None)
-                for vowel, one, half in zip(own, heard, halves, strict=True)
+                for vowel, one, half in zip(own, heard, parts, strict=True)
             }
             before = np.arange(2, max(own[0].start // HOP - 12, 5))
             takes["silence"] = Take("silence", own[0].samples, heard[0], before, None)
@@ -102,7 +102,7 @@ def evaluate_calibrated(vowels: Sequence[Vowel], network: Recurrent) -> dict[str
             adapted = (
                 network if correction is None else Speaker("", None, correction).adapted(network)
             )
-            for vowel, one, half in zip(own, heard, halves, strict=True):
+            for vowel, one, half in zip(own, heard, parts, strict=True):
                 judged.append(vowel)
                 shapes.append(heard_shapes(adapted.posteriors(one.hidden[half[1 - learnt]])))
     return _scored("default", judged, shapes)

@@ -108,7 +108,7 @@ _Callback = ctypes.CFUNCTYPE(
 
 
 class Espeak:
-    """The library of espeak-ng. One for a process; raises `DataError` VOICE-SYNTH if absent."""
+    """The library of espeak-ng; raises `DataError` VOICE-SYNTH if absent. See `espeak`."""
 
     def __init__(self) -> None:
         try:
@@ -162,6 +162,12 @@ class Espeak:
         at, first = int(burst_s * self._rate_hz) - 1, int(after_s * self._rate_hz)
         loud = np.flatnonzero(np.abs(samples[first : max(at, first)]) > _SILENT)
         return min((first + int(loud[-1]) + 1) / self._rate_hz, burst_s) if len(loud) else burst_s
+
+
+@cache
+def espeak() -> Espeak:
+    """The one of this process: its library cannot be begun twice. Raises VOICE-SYNTH."""
+    return Espeak()
 
 
 def phones(
