@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 
+from hypermask.voice import synthesis
 from hypermask.voice.arousal import Arousal
+from hypermask.voice.follower import MouthFollower
 
 
 def speak(arousal, pitch_hz, level_db, seconds, lively=0.0, seed=0, pauses=True):
@@ -55,3 +59,22 @@ def test_it_stays_within_its_range_whatever_comes():
     for _ in range(3000):
         value = arousal(rng.uniform(-100, 20), rng.uniform(), rng.uniform(1, 9000), rng.uniform())
         assert 0 <= value <= 1
+
+
+@pytest.mark.skipif(shutil.which("espeak-ng") is None, reason="espeak-ng is absent")
+@pytest.mark.parametrize("voice", ["en-us+m3", "de+f2"])
+def test_excited_speech_is_told_from_calm_speech(voice):
+    lines = synthesis.sentences(voice[:2], "test")[:6]
+
+    def said(speed: int, pitch: int, gain: float) -> np.ndarray:
+        parts = [synthesis.espeak().say(line, voice, speed, pitch).samples for line in lines]
+        return gain * np.concatenate(parts)
+
+    follower = MouthFollower(16_000)
+    means, at_s = [], 0.0
+    for sound in (said(140, 30, 0.15), said(220, 90, 0.6), said(140, 30, 0.15)):
+        frames = follower.feed(sound, at_s)
+        at_s += len(sound) / 16_000
+        means.append(np.mean([frame.arousal for frame in frames[len(frames) // 3 :]]))
+    assert means[1] > means[0] + 0.25
+    assert means[1] > means[2] + 0.25
