@@ -2,7 +2,8 @@
 
     python -m hypermask.voice.default_train ../shared/data/vowels \\
         --out daemon/hypermask/voice/data/default.npz
-    python -m hypermask.voice.default_train ../shared/data/vowels --leave-out 33 --seed 1
+    python -m hypermask.voice.default_train ../shared/data/vowels --leave-out 33 --seed 1 \\
+        --quick --report daemon/hypermask/voice/data/unheard.json
 
 Needs Debian's espeak-ng, flite, festival, festvox-{us-slt-hts,kdlpc16k,kallpc16k,italp16k,itapc16k,
 suopuhe-lj,suopuhe-mv,ca-ona-hts,czech-ph,czech-dita,czech-krb,czech-machac} and half an hour.
@@ -12,16 +13,19 @@ from __future__ import annotations
 
 import argparse
 import csv
+import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress, track
 
 from hypermask.errors import HypermaskError
+from hypermask.storage import write_atomically
 from hypermask.voice import recurrent, synthesis
 from hypermask.voice.corpus import (
     Draw,
@@ -33,7 +37,7 @@ from hypermask.voice.corpus import (
     silence,
     sung,
 )
-from hypermask.voice.evaluate import evaluate_default, in_pink_noise
+from hypermask.voice.evaluate import evaluate_calibrated, evaluate_default, in_pink_noise
 from hypermask.voice.recurrent import Recurrent
 from hypermask.voice.recurrent_train import train
 from hypermask.voice.synthesis import FESTIVAL_VOICES, FLITE_VOICES, Utterance
@@ -203,6 +207,28 @@ def _stage(
         )
 
 
+def judged(network: Recurrent, unheard: Sequence[Vowel], seed: int) -> dict[str, Any]:
+    """How well speakers are heard whom the network was not trained on."""
+    rng = np.random.default_rng(0)
+    pink = [in_pink_noise(vowel, 10.0, rng) for vowel in unheard]
+    clean, noisy = (evaluate_default(part, network) for part in (unheard, pink))
+    return {
+        "seed": seed,
+        "speakers": clean["speakers"],
+        "frame_accuracy": round(clean["frame_accuracy"], 4),
+        "groups": {name: round(part, 4) for name, part in clean["groups"].items()},
+        "pink_10_db": round(noisy["frame_accuracy"], 4),
+        "calibrated": round(evaluate_calibrated(unheard, network)["frame_accuracy"], 4),
+    }
+
+
+def _note(run: dict[str, Any], path: Path) -> None:
+    """Adds a run to a file of them, in the place of an older one with its seed."""
+    runs = json.loads(path.read_text("utf-8"))["runs"] if path.is_file() else []
+    runs = sorted([r for r in runs if r["seed"] != run["seed"]] + [run], key=lambda r: r["seed"])
+    write_atomically(path, (json.dumps({"runs": runs}, indent=1) + "\n").encode())
+
+
 def _asked(vowels: Sequence[Vowel]) -> list[Vowel]:
     """The five, "haid" only where "head" is missing, as `evaluate` does."""
     steady = {vowel.speaker for vowel in vowels if vowel.vowel == "eh"}
@@ -215,6 +241,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="where the network goes")
     parser.add_argument("--leave-out", type=int, default=0, help="speakers kept for measuring")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--report", type=Path, help="a JSON file that gets what was measured")
     parser.add_argument("--start", type=Path, help="a network: only the last stage is done")
     parser.add_argument("--quick", action="store_true", help="one shorter stage, for measuring")
     given = parser.parse_args(arguments)
@@ -232,11 +259,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             recurrent.save(network, given.out)
         unheard = _asked([vowel for vowel in vowels if vowel.speaker in out])
         if unheard:
-            noise = np.random.default_rng(0)
-            pink = [in_pink_noise(vowel, 10.0, noise) for vowel in unheard]
-            for name, part in (("unheard speakers", unheard), ("at 10 dB pink noise", pink)):
-                result = evaluate_default(part, network)
-                console.print(name, result["frame_accuracy"], result["groups"])
+            run = judged(network, unheard, given.seed)
+            console.print(run)
+            if given.report is not None:
+                _note(run, given.report)
     except HypermaskError as error:
         console.print(f"{error}")
         return 1

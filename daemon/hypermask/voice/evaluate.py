@@ -16,7 +16,7 @@ from hypermask.voice.calibrate import Take, adapt, halves, heard_shapes
 from hypermask.voice.features import HOP
 from hypermask.voice.hearing import decided
 from hypermask.voice.listening import listen
-from hypermask.voice.lpc import cepstra
+from hypermask.voice.lpc import FRAME, cepstra
 from hypermask.voice.paper_base import PaperBase
 from hypermask.voice.recurrent import Recurrent
 from hypermask.voice.shapes import SHAPE_NAMES, nearest_shape
@@ -123,9 +123,15 @@ def evaluate_paper(vowels: Sequence[Vowel], base: PaperBase) -> dict[str, Any]:
 
 
 def nucleus(vowel: Vowel, count: int) -> slice:
-    """Hops whose middle lies in the nucleus; at least one of the `count` there are."""
-    begin = min(round(vowel.start / HOP), count - 1)
-    return slice(begin, min(max(round(vowel.end / HOP), begin + 1), count))
+    """Hops around whose middle 32 ms lie in the nucleus, the span that paper mode is judged on too;
+    at least one of the `count` there are."""
+    begin = -(-(vowel.start + FRAME // 2 - HOP // 2) // HOP)
+    end = (vowel.end - FRAME // 2 - HOP // 2) // HOP + 1
+    if end <= begin:
+        begin = (vowel.start + vowel.end) // 2 // HOP
+        end = begin + 1
+    begin = min(begin, count - 1)
+    return slice(begin, min(max(end, begin + 1), count))
 
 
 def in_pink_noise(vowel: Vowel, snr_db: float, rng: np.random.Generator) -> Vowel:

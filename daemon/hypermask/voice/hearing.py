@@ -17,7 +17,6 @@ from hypermask.voice.recurrent import LOOKAHEADS, Recurrent
 from hypermask.voice.shapes import CLOSED, Interpolation
 from hypermask.voice.visemes import (
     BASIS,
-    CLASSES,
     LIPS,
     SILENCE,
     VISEME_OF_CLASS,
@@ -26,11 +25,12 @@ from hypermask.voice.visemes import (
 )
 
 _SHARPNESS = 3.0
-# A closure that is missed is seen, one too many hardly; the tongue's consonants are the likelier
-# ones in running speech than in the training's mixture with lone vowels.
-_LEANING = np.ones(len(CLASSES))
-_LEANING[[k for k, viseme in enumerate(VISEME_OF_CLASS) if VISEMES[viseme] == "narrow"]] = 1.5
-_LEANING[LIPS] = 2.0
+# Odds that the training mixture has wrong: a closure that is missed is seen, one too many hardly;
+# the tongue's consonants are likelier in running speech than among lone vowels; /u/ and /o/ are
+# rare in it and would be taken for their neighbours.
+_ODDS = {"narrow": 1.8, "u": 2.0, "o": 1.4}
+_LEANING = np.array([_ODDS.get(VISEMES[viseme], 1.0) for viseme in VISEME_OF_CLASS])
+_LEANING[LIPS] = 2.5
 _MEMBERS = np.eye(len(VISEMES))[VISEME_OF_CLASS]  # (classes, visemes)
 _QUIETEST_DB = -100.0
 _SURELY_SHUT, _SURELY_OPEN = 0.85, 0.25

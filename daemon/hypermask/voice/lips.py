@@ -17,6 +17,8 @@ from hypermask.voice.visemes import BASIS
 _Floats = NDArray[np.float64]
 _TRAVERSE_S = 0.03
 """No lips open or shut in less."""
+_VOICE_COMES_S, _VOICE_GOES_S = 0.012, 0.06
+_DOUBT, _BELIEF = 0.4, 0.65  # of the followed probability that somebody speaks
 SHUT: _Floats = np.eye(len(BASIS))[CLOSED]
 
 
@@ -34,9 +36,11 @@ class Lips:
         self._settings = settings
         self._loudness = Loudness(settings.loudness)
         self._weights = SHUT.copy()
+        self._voice = 0.0
 
     def follow(self, heard: Heard, hop_s: float) -> _Floats:
         scale = self._settings.opening * self._loudness(heard.level_db, heard.silent)
+        scale *= self._believed(heard.silent, hop_s)
         target = scale * heard.weights
         target[CLOSED] = 0.0
         target[CLOSED] = 1.0 - target.sum()
@@ -48,6 +52,12 @@ class Lips:
         if 1.0 - self._weights[CLOSED] < 1e-3:
             self._weights = SHUT.copy()
         return self._weights
+
+    def _believed(self, silent: float, hop_s: float) -> float:
+        """0 to 1: a crackle that sounds like a voice for one hop does not open the mouth."""
+        time_s = _VOICE_COMES_S if 1 - silent > self._voice else _VOICE_GOES_S
+        self._voice += _step(hop_s, time_s) * (1 - silent - self._voice)
+        return min(max((self._voice - _DOUBT) / (_BELIEF - _DOUBT), 0.0), 1.0)
 
     def rest(self, since_s: float) -> None:
         """The state after `since_s` without sound."""
