@@ -52,6 +52,7 @@ BENCHES: dict[str, Bench] = {
     "fitting": Bench(
         "a drag of the fitting tool until the new texture is there",
         "hypermask.bench.fitting:fitting",
+    ),
     "voice": Bench(
         "speech to mouth beside the paper, MFCC templates and flapping, with noise",
         "hypermask.bench.voice:voice",
