@@ -9,7 +9,14 @@ from hypermask.errors import ConfigError, UsageError
 from hypermask.face.action_units import unit_weights
 from hypermask.face.emotions import EMOTIONS, emotion_units
 from hypermask.show.engine import ShowEngine
-from hypermask.show.scene import brightness_at, characters_at, describe, life_of, units_at
+from hypermask.show.scene import (
+    brightness_at,
+    characters_at,
+    describe,
+    intensity,
+    life_of,
+    units_at,
+)
 from hypermask.show.showfile import load_show
 
 DEFAULT = Path(__file__).parents[2] / "configs" / "shows" / "default.toml"
@@ -188,3 +195,11 @@ def test_a_wrong_show_file_is_explained(tmp_path: Path, line: str, code: str) ->
     with pytest.raises(ConfigError) as caught:
         ShowEngine(load_show(path), 0.0)
     assert caught.value.code == code
+
+
+def test_an_excited_voice_makes_more_of_an_expression_where_the_show_asks(tmp_path: Path) -> None:
+    asked = show_with(tmp_path, "voice_intensity = 0.5").scene
+    heard = [intensity(asked, arousal) for arousal in (0.0, 0.25, 1.0)]
+    assert heard == pytest.approx([0.8, 1.0, 1.5])
+    not_asked = show_with(tmp_path).scene
+    assert {intensity(not_asked, arousal) for arousal in (0.0, 0.5, 1.0)} == {1.0}

@@ -45,6 +45,7 @@ class ShowEngine:
         self._scene["opacity"][0] = 1.0
         self._scene["brightness"] = show.brightness
         self._scene["brightness_fade"] = (time_s, 0.0)
+        self._scene["voice_intensity"] = show.voice_intensity
         self._live(show.life)
 
     @property

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 CHARACTERS = 4
 KEYFRAMES = 16
 """The longest expression that a show can play."""
+USUAL_AROUSAL = 0.25
+_PER_AROUSAL = 1.6
 FADE_FIELDS = [("start_s", "<f8"), ("duration_s", "<f8")]
 
 SCENE = np.dtype(
@@ -36,6 +38,7 @@ SCENE = np.dtype(
         ("frame_times", "<f4", (KEYFRAMES,)),
         ("frame_units", "<f4", (KEYFRAMES, COUNT)),
         ("expression_fade", FADE_FIELDS),
+        ("voice_intensity", "<f8"),
         ("life", [("blinks", "?"), ("gaze", "?"), ("breath", "?")]),
         ("brightness", "<f8"),
         ("previous_brightness", "<f8"),
@@ -77,6 +80,17 @@ def units_at(scene: Record, time_s: float) -> Array:
     # A face that is there from its first moment on comes as the other one goes, not at a blow.
     share = 1.0 if scene["frames"] and scene["frame_times"][0] > 0 else gone
     return np.asarray(np.minimum(units + share * come, 1))
+
+
+def intensity(scene: Record, arousal: float) -> float:
+    """What the voice makes of an expression's intensity: 1 for a voice as usual or a show that does
+    not ask for it, 0.6 at the least in calm and silence, 2 at the most for an excited voice.
+
+    arousal: 0 to 1, `USUAL_AROUSAL` as usual (`voice.arousal`). PAPERS A6: announced next.
+    """
+    share = float(scene["voice_intensity"])
+    above = max(arousal, 0.0) - USUAL_AROUSAL
+    return 1 - share + share * min(1 + above * _PER_AROUSAL, 2.0)
 
 
 def _come(scene: Record, since_s: float) -> Array:

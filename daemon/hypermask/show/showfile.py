@@ -76,13 +76,15 @@ class Fades(Settings):
 
 class ShowFile(Settings):
     """emotions: which combinations of action units they are, the short ones of EMFACS or the full;
-    guests: whether a character made while the show runs joins it.
+    guests: whether a character made while the show runs joins it; voice_intensity: how far the
+    voice drives the expressions' intensity, 0 not at all, 1 from 0.6 (calm) to twice (excited).
     """
 
     version: Literal[1]
     name: str
     characters: tuple[str, ...] = Field(min_length=1)
     guests: bool = True
+    voice_intensity: float = Field(0.0, ge=0, le=1)
     emotions: Literal["full", "short"] = "full"
     life: Life = Life()
     brightness: float = Field(1.0, ge=0, le=1)

@@ -14,7 +14,14 @@ from hypermask.geometry import Array, Pose
 from hypermask.loudspeaker.offset import LipSyncMeter
 from hypermask.loudspeaker.settings import Loudspeaker
 from hypermask.mask import Mask
-from hypermask.show.scene import brightness_at, characters_at, life_of, units_at
+from hypermask.show.scene import (
+    USUAL_AROUSAL,
+    brightness_at,
+    characters_at,
+    intensity,
+    life_of,
+    units_at,
+)
 from hypermask.stage.mapping import (
     Mapping,
     PlanarCalibration,
@@ -31,6 +38,8 @@ from hypermask.tracking.paper import predict_points
 from hypermask.workers.board import KEPT, PACE, Board
 from hypermask.workers.cast import Cast
 
+_AROUSAL_S = 0.4
+"""In about this time an expression follows the voice's arousal."""
 FURTHEST_S = 0.15
 """How far ahead of the last measurement image points are predicted."""
 
@@ -118,6 +127,7 @@ class StageWorker:
         self._renderer, self._cast = renderer, cast
         self._lip_sync = None if loudspeaker is None else LipSyncMeter(loudspeaker)
         self._lip_sync_s = -np.inf
+        self._arousal_now, self._aroused_s = USUAL_AROUSAL, 0.0
         self._mapping, self._reader, self._board = mapping, reader, board
         self._fade = MaskFade(settings)
         self._settings = settings
@@ -144,7 +154,8 @@ class StageWorker:
         sound = self._board.mouth.latest()
         mouth = self._mouth(sound, light_s)
         lit = matrix is not None and brightness > 0
-        items = self._items(scene, mouth, light_s) if lit else ()
+        arousal = self._arousal(sound, light_s)
+        items = self._items(scene, mouth, arousal, light_s) if lit else ()
         self._latch_s = time.perf_counter() - began
         heard_s = None if sound is None else float(sound["time_s"])
         picture = Picture(light_s, matrix, items, brightness, seen_s, heard_s)
@@ -152,10 +163,23 @@ class StageWorker:
             self._lip_sync.add(picture.mouth_lag_s)
         return picture
 
-    def _items(self, scene: Record, mouth: Array, light_s: float) -> tuple[DrawItem, ...]:
+    def _items(
+        self, scene: Record, mouth: Array, arousal: float, light_s: float
+    ) -> tuple[DrawItem, ...]:
+        units = np.minimum(units_at(scene, light_s) * intensity(scene, arousal), 1)
         return self._cast.items(
-            characters_at(scene, light_s), units_at(scene, light_s), mouth, light_s, life_of(scene)
+            characters_at(scene, light_s), units, mouth, light_s, life_of(scene)
         )
+
+    def _arousal(self, sound: Record | None, light_s: float) -> float:
+        """Of the voice, eased: a frame's light may not jump. As usual without a voice."""
+        stale_s = self._settings.mouth_stale_after_s
+        alive = sound is not None and light_s - float(sound["time_s"]) <= stale_s
+        wanted = float(sound["arousal"]) if alive and sound is not None else USUAL_AROUSAL
+        share = min(max(light_s - self._aroused_s, 0.0) / _AROUSAL_S, 1.0)
+        self._arousal_now += share * (wanted - self._arousal_now)
+        self._aroused_s = light_s
+        return self._arousal_now
 
     def _mouth(self, sound: Record | None, light_s: float) -> Array:
         if sound is None:
