@@ -54,10 +54,13 @@ class LogMel:
         frequency = np.asarray(np.fft.rfftfreq(_FFT, 1 / RATE_HZ), np.float64)
         self._filters = _mel_filters(frequency)
         inside = (frequency >= _VOICE_BAND_HZ[0]) & (frequency <= _VOICE_BAND_HZ[1])
-        self._band = inside.astype(np.float32)
+        self._band = slice(*np.flatnonzero(inside)[[0, -1]] + [0, 1])
         self._lags = slice(int(RATE_HZ / _HIGHEST_PITCH_HZ), int(RATE_HZ / _LOWEST_PITCH_HZ) + 1)
         taper = np.fft.irfft(np.abs(np.fft.rfft(window, _FFT)) ** 2)
-        self._taper = (taper[self._lags] / taper[0]).astype(np.float32)
+        lags = np.arange(self._lags.start, self._lags.stop)
+        bins = np.arange(self._band.start, self._band.stop)
+        cosines = np.cos(2 * np.pi / _FFT * np.outer(bins, lags))
+        self._correlate = (cosines * taper[0] / taper[lags]).astype(np.float32)
 
     def __call__(self, frames: NDArray[np.floating]) -> Spectrum:
         """frames (..., 400), finite."""
@@ -72,11 +75,11 @@ class LogMel:
         transform = np.fft.rfft(windowed, _FFT)
         power = (transform.real**2 + transform.imag**2).astype(np.float32)
         bands = power @ self._filters
-        correlation = np.fft.irfft(power * self._band)
-        lags = correlation[..., self._lags] / self._taper
+        voice = power[..., self._band]
+        lags = voice @ self._correlate  # the autocorrelation at the lags of a voice's pitch
         best = np.argmax(lags, axis=-1)
         peak = np.take_along_axis(lags, best[..., None], -1)[..., 0]
-        voicing = peak / np.maximum(correlation[..., 0], 1e-9)
+        voicing = peak / np.maximum(voice.sum(axis=-1), 1e-6)
         return Spectrum(
             10 * np.log10(bands + np.float32(_FAINTEST)),
             np.clip(voicing, 0, 1).astype(np.float32),
