@@ -9,6 +9,7 @@ import numpy as np
 
 from hypermask.blackboard import LocalTopic, SharedTopic, Topic
 from hypermask.loudspeaker.offset import LIP_SYNC
+from hypermask.neck.record import HEAD, NECK
 from hypermask.show.scene import SCENE
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
@@ -58,8 +59,9 @@ CURTAIN = np.dtype([("dressed", "<i8")])  # the last version that can be drawn
 
 @dataclass(frozen=True)
 class Board:
-    """track: by the tracker; mouth: by the voice; scene: by the show; pace, curtain and lip_sync:
-    by the stage; wardrobe: by the dresser, whose costumes lie in the folder."""
+    """track: by the tracker; mouth: by the voice; scene and neck: by the show; pace, curtain and
+    lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in the folder; head: by
+    the pan-tilt worker."""
 
     track: Topic
     mouth: Topic
@@ -68,13 +70,15 @@ class Board:
     wardrobe: Topic
     curtain: Topic
     lip_sync: Topic
+    neck: Topic
+    head: Topic
     folder: Path | None = None
 
     @staticmethod
     def local(folder: Path | None = None) -> Board:
         track, mouth, scene, pace = (LocalTopic() for _ in range(4))
-        wardrobe, curtain, lip_sync = (LocalTopic() for _ in range(3))
-        return Board(track, mouth, scene, pace, wardrobe, curtain, lip_sync, folder)
+        wardrobe, curtain, lip_sync, neck, head = (LocalTopic() for _ in range(5))
+        return Board(track, mouth, scene, pace, wardrobe, curtain, lip_sync, neck, head, folder)
 
     @staticmethod
     def shared(folder: Path) -> Board:
@@ -87,5 +91,7 @@ class Board:
             SharedTopic(folder / "wardrobe", WARDROBE),
             SharedTopic(folder / "curtain", CURTAIN),
             SharedTopic(folder / "lip_sync", LIP_SYNC),
+            SharedTopic(folder / "neck", NECK),
+            SharedTopic(folder / "head", HEAD),
             folder,
         )

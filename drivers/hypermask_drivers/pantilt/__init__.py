@@ -10,17 +10,25 @@ from hypermask_drivers.device import Device
 
 @dataclass(frozen=True)
 class PanTiltState:
+    """homed: the zero is known. limit_hits: how often an axis ran into its end since opening,
+    which a unit that knows its zero never does."""
+
     pan_rad: float
     tilt_rad: float
     moving: bool
     time_s: float
+    homed: bool = True
+    limit_hits: int = 0
 
 
 @dataclass(frozen=True)
 class PanTiltLimits:
+    """step_rad: the coarser axis' resolution, 0 where positions are continuous."""
+
     pan_rad: tuple[float, float]
     tilt_rad: tuple[float, float]
     speed_rad_s: float
+    step_rad: float = 0.0
 
 
 class PanTilt(Device):
@@ -30,7 +38,10 @@ class PanTilt(Device):
 
     @abstractmethod
     def home(self) -> None:
-        """Find the axes' zero. Raises `DeviceLost`."""
+        """Begin to find the axes' zero; returns at once. Raises `DeviceLost`.
+
+        Until it is found, `read` says moving, and not homed.
+        """
 
     @abstractmethod
     def move(self, pan_rad: float, tilt_rad: float, speed_rad_s: float) -> None:
