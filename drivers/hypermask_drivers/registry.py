@@ -11,14 +11,29 @@ from hypermask_drivers.errors import ConfigError
 _DRIVERS: dict[str, dict[str, str]] = {
     "camera": {"sim": "hypermask_sim.devices.camera:SimCamera"},
     "projector": {"sim": "hypermask_sim.devices.projector:SimProjector"},
-    "keypad": {"sim": "hypermask_sim.devices.keypad:SimKeypad"},
-    "pantilt": {"sim": "hypermask_sim.devices.pantilt:SimPanTilt"},
+    "keypad": {
+        "sim": "hypermask_sim.devices.keypad:SimKeypad",
+        "usb": "hypermask_drivers.keypad.usb_pad:UsbPad",
+        "pcf8574": "hypermask_drivers.keypad.i2c_pads:Pcf8574Pad",
+        "tca8418": "hypermask_drivers.keypad.i2c_pads:Tca8418Pad",
+    },
+    "pantilt": {
+        "sim": "hypermask_sim.devices.pantilt:SimPanTilt",
+        "ptu": "hypermask_drivers.pantilt.ptu:DirectedPerceptionPtu",
+    },
     "sound": {
         "sim": "hypermask_sim.devices.sound:SimSoundIn",
         "alsa": "hypermask_drivers.sound.alsa:AlsaSoundIn",
     },
-    "lamp": {"sim": "hypermask_sim.devices.lamp:SimLamp"},
-    "power": {"sim": "hypermask_sim.devices.power:SimPower"},
+    "lamp": {
+        "sim": "hypermask_sim.devices.lamp:SimLamp",
+        "dlpc34xx": "hypermask_drivers.lamp.dlpc34xx:Dlpc34xxLamp",
+    },
+    "power": {
+        "sim": "hypermask_sim.devices.power:SimPower",
+        "ina219": "hypermask_drivers.power.ina2xx:Ina219",
+        "ina226": "hypermask_drivers.power.ina2xx:Ina226",
+    },
 }
 
 

@@ -10,9 +10,12 @@ from hypermask_drivers.device import Device
 
 @dataclass(frozen=True)
 class LampState:
+    """faults: what the projector says is wrong with it, in words."""
+
     on: bool
     brightness: float  # 0 to 1
     temperature_c: float | None
+    faults: tuple[str, ...] = ()
 
 
 class Lamp(Device):

@@ -1,1 +1,1 @@
-"""Peers of the real drivers, which speak their hardware's language."""
+"""Peers of real drivers: what a driver talks to, emulated to the byte or to the call."""
