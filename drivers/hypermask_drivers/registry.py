@@ -9,8 +9,14 @@ from hypermask_drivers.device import Device
 from hypermask_drivers.errors import ConfigError
 
 _DRIVERS: dict[str, dict[str, str]] = {
-    "camera": {"sim": "hypermask_sim.devices.camera:SimCamera"},
-    "projector": {"sim": "hypermask_sim.devices.projector:SimProjector"},
+    "camera": {
+        "sim": "hypermask_sim.devices.camera:SimCamera",
+        "v4l2": "hypermask_drivers.camera.v4l2:V4l2Camera",
+    },
+    "projector": {
+        "sim": "hypermask_sim.devices.projector:SimProjector",
+        "kms": "hypermask_drivers.projector.kms:KmsProjector",
+    },
     "keypad": {
         "sim": "hypermask_sim.devices.keypad:SimKeypad",
         "usb": "hypermask_drivers.keypad.usb_pad:UsbPad",

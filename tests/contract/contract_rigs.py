@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 
+from hypermask_drivers.camera.v4l2 import V4l2Camera
 from hypermask_drivers.clock import Clock, VirtualClock
 from hypermask_drivers.device import Device
 from hypermask_drivers.keypad.i2c_pads import MatrixSettings, Pcf8574Pad, Tca8418Pad
@@ -19,8 +20,10 @@ from hypermask_drivers.keypad.usb_pad import UsbPad
 from hypermask_drivers.lamp.dlpc34xx import Dlpc34xxLamp, Dlpc34xxSettings
 from hypermask_drivers.pantilt.ptu import DirectedPerceptionPtu, PtuSettings
 from hypermask_drivers.power.ina2xx import Ina2xxSettings, Ina219, Ina226
+from hypermask_drivers.projector.kms import KmsProjector, KmsSettings
 from hypermask_drivers.registry import driver_class
 from hypermask_drivers.sound.alsa import AlsaSettings, AlsaSoundIn
+from hypermask_sim.display_emulator import EmulatedDisplay, OffscreenBuffers
 from hypermask_sim.emulators.alsa import EmulatedAlsa, EmulatedCard
 from hypermask_sim.emulators.i2c import Chip, Wires
 from hypermask_sim.emulators.i2c_keypad import Pcf8574Matrix, Tca8418Chip
@@ -31,6 +34,7 @@ from hypermask_sim.emulators.ptu import PtuData, PtuUnit
 from hypermask_sim.emulators.ptu_line import PtuLine
 from hypermask_sim.faults import LOSSES
 from hypermask_sim.scenario import Scenario
+from hypermask_sim.video_emulator import EmulatedVideoSystem
 from hypermask_sim.world import World
 
 
@@ -213,11 +217,56 @@ class PowerRig(I2cRig):
         self.device = driver(settings, self.clock, self.wires.connect)
 
 
+class V4l2Rig(Rig):
+    """The driver for V4L2 over a video device made of Python."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock(1000.0)
+        self._system = EmulatedVideoSystem(self.clock)
+        self.device = V4l2Camera(clock=self.clock, system=self._system)
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + seconds)
+
+    def lose(self) -> None:
+        self._system.unplug()
+
+    def bring_back(self) -> None:
+        self._system.plug()
+
+
+class KmsRig(Rig):
+    """The driver for KMS over a display card made of Python."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock(1000.0)
+        self._display = EmulatedDisplay(self.clock)
+        settings = KmsSettings(card="/dev/dri/card0", silence_console=False)
+        self.device = KmsProjector(
+            settings,
+            self.clock,
+            self._display.open,  # type: ignore[arg-type]
+            OffscreenBuffers,  # type: ignore[arg-type]
+        )
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + seconds)
+
+    def lose(self) -> None:
+        self._display.plugged = False
+
+    def bring_back(self) -> None:
+        self._display.generation += 1
+        self._display.plugged = True
+
+
 RIGS: dict[str, dict[str, Callable[[], Rig]]] = {
     kind: {"sim": lambda kind=kind: SimRig(kind)}  # type: ignore[misc]
     for kind in LOSSES
 }
 RIGS["sound"]["alsa"] = AlsaRig
+RIGS["camera"]["v4l2"] = V4l2Rig
+RIGS["projector"]["kms"] = KmsRig
 RIGS["keypad"]["usb"] = UsbPadRig
 RIGS["keypad"]["pcf8574"] = lambda: MatrixPadRig(Pcf8574Pad, Pcf8574Matrix)
 RIGS["keypad"]["tca8418"] = lambda: MatrixPadRig(Tca8418Pad, Tca8418Chip)

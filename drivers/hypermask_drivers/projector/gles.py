@@ -29,11 +29,15 @@ from hypermask_drivers.errors import DeviceAbsent, DeviceError
 _EXTENSIONS = 0x3055
 _NONE = 0x3038
 _SURFACE_TYPE = 0x3033
+_WINDOW_BIT = 0x0004
+_RED_SIZE, _GREEN_SIZE, _BLUE_SIZE, _DEPTH_SIZE = 0x3024, 0x3023, 0x3022, 0x3025
+_NATIVE_VISUAL_ID = 0x302E
 _RENDERABLE_TYPE = 0x3040
 _OPENGL_ES3_BIT = 0x0040
 _OPENGL_ES_API = 0x30A0
 _CONTEXT_MAJOR_VERSION = 0x3098
 _CONTEXT_MINOR_VERSION = 0x30FB
+_PLATFORM_GBM = 0x31D7
 _PLATFORM_SURFACELESS = 0x31DD
 _PLATFORM_DEVICE = 0x313F
 
@@ -67,6 +71,11 @@ def _egl() -> ctypes.CDLL:
         "eglGetCurrentContext": (c_void_p, []),
         "eglGetCurrentDisplay": (c_void_p, []),
         "eglGetCurrentSurface": (c_void_p, [c_int32]),
+        "eglGetConfigAttrib": (c_uint32, [c_void_p, c_void_p, c_int32, attributes]),
+        "eglCreateWindowSurface": (c_void_p, [c_void_p, c_void_p, c_void_p, attributes]),
+        "eglDestroySurface": (c_uint32, [c_void_p, c_void_p]),
+        "eglSwapBuffers": (c_uint32, [c_void_p, c_void_p]),
+        "eglTerminate": (c_uint32, [c_void_p]),
     }
     for name, (result, arguments) in signatures.items():
         function = getattr(lib, name)
@@ -120,6 +129,15 @@ class EglContext:
         if outer is not None:
             _egl().eglMakeCurrent(*outer)
 
+    def swap(self) -> None:
+        """End the surface's picture. Raises `DeviceError` GPU-SWAP."""
+        if not _egl().eglSwapBuffers(self._display, self._surface):
+            raise DeviceError(
+                "GPU-SWAP",
+                f"the GPU's driver cannot end a picture (EGL 0x{_egl().eglGetError():x})",
+                "Restart the program; report it if it comes again.",
+            )
+
     def release(self) -> None:
         """Destroy the context with everything in it. May be called again."""
         if self._context is None:
@@ -128,7 +146,9 @@ class EglContext:
         if egl.eglGetCurrentContext() == self._context:
             egl.eglMakeCurrent(self._display, None, None, None)
         egl.eglDestroyContext(self._display, self._context)
-        self._context = None
+        if self._surface is not None:
+            egl.eglDestroySurface(self._display, self._surface)
+        self._context = self._surface = None
 
 
 def create_context() -> moderngl.Context:
@@ -199,6 +219,64 @@ def _function(name: str, result: Any, *arguments: Any) -> Callable[..., Any] | N
     return ctypes.CFUNCTYPE(result, *arguments)(address) if address else None
 
 
+class WindowConfig:
+    """An EGL display of a GBM device with a configuration whose pixels a screen can show."""
+
+    def __init__(self, display: int, config: int) -> None:
+        self._display: int | None = display
+        self._config = config
+
+    def context(self, window: int) -> EglContext:
+        """A context that draws on a window (a GBM surface). Raises `DeviceAbsent` GPU-GLES."""
+        egl = _egl()
+        egl.eglBindAPI(_OPENGL_ES_API)
+        surface = egl.eglCreateWindowSurface(self._display, self._config, window, None)
+        attributes = (c_int32 * 5)(_CONTEXT_MAJOR_VERSION, 3, _CONTEXT_MINOR_VERSION, 0, _NONE)
+        context = egl.eglCreateContext(self._display, self._config, None, attributes)
+        if not surface or not context or self._display is None:
+            raise _no_gles()
+        return EglContext(self._display, context, surface)
+
+    def terminate(self) -> None:
+        """May be called again."""
+        if self._display is not None:
+            _egl().eglTerminate(self._display)
+        self._display = None
+
+
+def window_config(gbm_device: int, visual: int) -> WindowConfig:
+    """visual: the DRM pixel format's four letters as a number.
+
+    Raises `DeviceAbsent` GPU-EGL, GPU-DISPLAY, GPU-GLES.
+    """
+    get_display = _function(
+        "eglGetPlatformDisplayEXT", c_void_p, c_uint32, c_void_p, ctypes.POINTER(c_int32)
+    )
+    display = get_display(_PLATFORM_GBM, gbm_device, None) if get_display else None
+    if not display or not _egl().eglInitialize(display, None, None):
+        raise DeviceAbsent("GPU-DISPLAY", "EGL cannot draw for the display card", _DRIVER_REMEDY)
+    wanted = (c_int32 * 13)(
+        _SURFACE_TYPE, _WINDOW_BIT, _RENDERABLE_TYPE, _OPENGL_ES3_BIT,
+        _RED_SIZE, 8, _GREEN_SIZE, 8, _BLUE_SIZE, 8, _DEPTH_SIZE, 24, _NONE,
+    )  # fmt: skip
+    configs, count, value = (c_void_p * 256)(), c_int32(), c_int32()
+    _egl().eglChooseConfig(display, wanted, configs, len(configs), ctypes.byref(count))
+    for config in configs[: count.value]:
+        _egl().eglGetConfigAttrib(display, config, _NATIVE_VISUAL_ID, ctypes.byref(value))
+        if value.value == visual and config:
+            return WindowConfig(display, config)
+    _egl().eglTerminate(display)
+    raise _no_gles()
+
+
+def _no_gles() -> DeviceAbsent:
+    return DeviceAbsent(
+        "GPU-GLES",
+        f"the GPU's driver gives no OpenGL ES 3 context (EGL 0x{_egl().eglGetError():x})",
+        _DRIVER_REMEDY,
+    )
+
+
 def _create_egl_context(display: int) -> EglContext:
     egl = _egl()
     egl.eglBindAPI(_OPENGL_ES_API)
@@ -210,9 +288,5 @@ def _create_egl_context(display: int) -> EglContext:
         egl.eglCreateContext(display, config, None, attributes) if found and count.value else None
     )
     if not context:
-        raise DeviceAbsent(
-            "GPU-GLES",
-            f"the GPU's driver gives no OpenGL ES 3 context (EGL 0x{egl.eglGetError():x})",
-            _DRIVER_REMEDY,
-        )
+        raise _no_gles()
     return EglContext(display, context)

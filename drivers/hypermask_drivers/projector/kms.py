@@ -1,0 +1,437 @@
+"""A projector on a video connector, driven through the kernel (DRM/KMS) without a window system.
+
+Source: the kernel's documentation "Kernel Mode Setting (KMS)"; FACTS measured: atomic commits that
+do not block, page-flip events on CLOCK_MONOTONIC.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import math
+from collections.abc import Callable
+
+import moderngl
+from pydantic import Field
+
+from hypermask_drivers.clock import Clock, RealClock
+from hypermask_drivers.device import DeviceState
+from hypermask_drivers.errors import ConfigError, DeviceAbsent, DeviceError, DeviceLost
+from hypermask_drivers.projector import Projector, ProjectorMode
+from hypermask_drivers.projector import drm_abi as abi
+from hypermask_drivers.projector.drm_card import RETRIED, Card, Flip, commit_error
+from hypermask_drivers.projector.drm_modes import choose, rate_hz
+from hypermask_drivers.projector.gbm import Front, Screen
+from hypermask_drivers.projector.kms_console import (
+    HotplugWatch,
+    force_connector,
+    silence_console,
+)
+from hypermask_drivers.projector.kms_output import Output, card_paths, find_connector
+from hypermask_drivers.settings import Settings
+
+_log = logging.getLogger(__name__)
+
+_FLIP_TIMEOUT_S = 1.0
+_AWAY = ("PRJ-ABSENT", "PRJ-MASTER")
+
+
+class KmsSettings(Settings):
+    """What is asked of the projector.
+
+    card: /dev/dri/by-path/...-card, None for the first with a display. connector: as in
+    /sys/class/drm ("HDMI-A-1"). mode: "1280x720", "1280x720@60" or a modeline, None for the
+    display's preferred one. force: give the signal also while no display answers. lag_ms: from the
+    flip to the first line's light, the projector's own delay. brightness, gamma: the card's table.
+    silence_console: keep the kernel's text off the projector.
+    """
+
+    card: str | None = None
+    connector: str | None = None
+    mode: str | None = None
+    force: bool = False
+    lag_ms: float = Field(default=17.0, ge=0)
+    brightness: float = Field(default=1.0, ge=0, le=1)
+    gamma: float = Field(default=1.0, gt=0, le=4)
+    silence_console: bool = True
+
+
+class KmsProjector(Projector):
+    """Each `present` makes one flip and tells its time as the kernel measured it.
+
+    The OpenGL context outlives a display that was switched off: after `open` what was loaded is
+    still there, as long as the display takes the same size. Black at `open` and at `close`.
+    `shortfalls` tells what is not as asked: PRJ-GAMMA, PRJ-CONSOLE, PRJ-SILENT.
+    """
+
+    def __init__(
+        self,
+        settings: KmsSettings | None = None,
+        clock: Clock | None = None,
+        open_card: Callable[[str], Card] = Card,
+        make_screen: Callable[[int, tuple[int, int]], Screen] = Screen,
+    ) -> None:
+        """open_card, make_screen: where a test puts a card and buffers made of Python."""
+        super().__init__()
+        self.settings = settings or KmsSettings()
+        self._clock = clock or RealClock()
+        self._open_path, self._make_screen = open_card, make_screen
+        self._card: Card | None = None
+        self._screen: Screen | None = None
+        self._output: Output | None = None
+        self._watch: HotplugWatch | None = None
+        self._timing: abi.ModeInfo | None = None
+        self._mode: ProjectorMode | None = None
+        self._frames: dict[int, int] = {}  # GBM's buffer to the kernel's framebuffer
+        self._shown: Front | None = None
+        self._paced = True  # whether flips wait for a vertical blanking
+        self._flip: Flip | None = None
+        self._grid_s = 0.0  # a time on the grid of the flips
+        self._missed = 0
+        self._shortfalls: dict[str, DeviceError] = {}
+
+    # Open and close
+
+    def open(self) -> None:
+        """Raises `DeviceAbsent` PRJ-CARD, PRJ-RIGHTS, PRJ-MASTER, PRJ-ATOMIC, PRJ-PLUG, PRJ-ROUTE,
+        PRJ-ABSENT (no display answers), PRJ-SIZE (it has no such mode), GPU-*; `ConfigError`
+        PRJ-MODE."""
+        if self._state is DeviceState.READY:
+            return
+        self._state = DeviceState.OPENING
+        try:
+            self._open_card()
+            self._start()
+        except OSError as error:
+            self._fail("")
+            raise _absent(commit_error(error)) from error
+        except (DeviceError, ConfigError) as error:
+            self._fail(error.code)
+            if isinstance(error, DeviceLost):
+                raise _absent(error) from error
+            raise
+        self._missed = 0
+        self._state = DeviceState.READY
+
+    def _fail(self, code: str) -> None:
+        """A display that is still away keeps its context; after all else everything is let go."""
+        if code not in _AWAY or self._screen is None:
+            self._release()
+        self._state = DeviceState.ABSENT
+
+    def _open_card(self) -> None:
+        if self._card is not None:
+            self._card.take_master()
+            return
+        paths = card_paths(self.settings.card)
+        problem: DeviceError = DeviceAbsent("PRJ-CARD", "there is no display card", RETRIED)
+        for path in paths:
+            try:
+                card = self._open_path(path)
+            except DeviceAbsent as error:
+                problem = error
+                continue
+            try:
+                find_connector(card, self.settings.connector)
+            except (DeviceAbsent, OSError) as error:
+                problem = error if isinstance(error, DeviceAbsent) else problem
+                card.close()
+                continue
+            self._card = card
+            return
+        raise problem
+
+    def _start(self) -> None:
+        """The mode, the buffers and a first black picture."""
+        card = self._card
+        assert card is not None
+        connector = find_connector(card, self.settings.connector)
+        if connector.connected is False and self.settings.force:
+            if force_connector(card.path, connector.name):
+                connector = card.connector(connector.number)
+            self._short(
+                "PRJ-SILENT",
+                f"no display answers on {connector.name}; the signal is given all the same",
+                "Switch the projector on.",
+            )
+        elif connector.connected is False:
+            raise DeviceAbsent(
+                "PRJ-ABSENT",
+                f"no display answers on {connector.name}",
+                "Switch the projector on and check the cable, or set force = true and a mode. "
+                "It is retried every second.",
+            )
+        timing = choose(connector.modes, self.settings.mode, self.settings.force)
+        if timing is None:
+            offered = sorted({f"{m.hdisplay}x{m.vdisplay}" for m in connector.modes})
+            raise DeviceAbsent(
+                "PRJ-SIZE",
+                f"the display has no mode {self.settings.mode or ''}".rstrip(),
+                f"It has: {', '.join(offered) or 'none'}. Choose one, or set force = true.",
+            )
+        size = (timing.hdisplay, timing.vdisplay)
+        if self._screen is not None and self._screen.size != size:
+            self._release_screen()
+        if self._screen is None:
+            self._screen = self._make_screen(card.descriptor, size)
+        self._output = Output(card, connector)
+        self._timing = timing
+        rate = rate_hz(timing)
+        self._mode = ProjectorMode(*size, rate, self.settings.lag_ms * 1e-3 + 0.5 / rate)
+        self._silence()
+        self._light_up()
+        self._apply_curve()
+        if self._watch is not None:
+            self._watch.close()
+        self._watch = card.watch(connector.name)
+
+    def _light_up(self) -> None:
+        """Switch the signal off and on again: a display that was away may need to see it begin."""
+        assert self._screen is not None and self._output is not None and self._timing is not None
+        with self._screen.context:
+            self._screen.framebuffer.clear()
+        front, frame = self._finish()
+        try:
+            with contextlib.suppress(DeviceLost):
+                self._output.switch_off()
+            self._output.switch_on(self._timing, frame)
+        except BaseException:
+            self._screen.give_back(front)
+            raise
+        self._keep(front)
+        vblank = self._card.latest_vblank(self._output.crtc) if self._card else None
+        self._paced = vblank is not None
+        self._grid_s = vblank.time_s if vblank is not None else self._clock.now()
+        self._flip = None
+
+    def _silence(self) -> None:
+        if self.settings.silence_console and not silence_console():
+            self._short(
+                "PRJ-CONSOLE",
+                "the text console cannot be kept off the projector",
+                "Boot with fbcon=map:9 vt.global_cursor_default=0, or give the service "
+                "CAP_SYS_TTY_CONFIG and the groups tty and video.",
+            )
+
+    def _apply_curve(self) -> None:
+        if self.settings.brightness != 1.0 or self.settings.gamma != 1.0:
+            self.set_curve(self.settings.brightness, self.settings.gamma)
+
+    def _short(self, code: str, what: str, remedy: str) -> None:
+        if code not in self._shortfalls:
+            self._shortfalls[code] = DeviceError(code, what, remedy)
+            _log.warning("%s", self._shortfalls[code])
+
+    def close(self) -> None:
+        """Black first."""
+        if self._state is DeviceState.READY:
+            with contextlib.suppress(DeviceError, OSError, moderngl.Error):
+                with self.context:
+                    self.framebuffer.clear()
+                self.present()
+                if self.settings.silence_console:
+                    silence_console()
+        self._release()
+        self._state = DeviceState.ABSENT
+
+    def _release(self) -> None:
+        self._release_screen()
+        if self._watch is not None:
+            self._watch.close()
+        if self._card is not None:
+            self._card.close()
+        self._card = self._output = self._watch = self._mode = self._timing = None
+        self._flip = None
+
+    def _release_screen(self) -> None:
+        if self._card is not None:
+            for frame in self._frames.values():
+                with contextlib.suppress(OSError):
+                    self._card.remove_framebuffer(frame)
+        self._frames.clear()
+        self._shown = None
+        if self._screen is not None:
+            self._screen.release()
+        self._screen = None
+
+    # What the stage uses
+
+    def _ready(self) -> Screen:
+        if self._state is DeviceState.LOST:
+            raise DeviceLost("PRJ-LOST", "the display vanished", RETRIED)
+        if self._screen is None or self._state is DeviceState.ABSENT:
+            raise DeviceError("PRJ-CLOSED", "the projector is not open", "Open it before drawing.")
+        return self._screen
+
+    @property
+    def mode(self) -> ProjectorMode:
+        self._ready()
+        assert self._mode is not None
+        return self._mode
+
+    @property
+    def context(self) -> moderngl.Context:
+        if self._screen is None:
+            self._ready()
+        assert self._screen is not None
+        return self._screen.context
+
+    @property
+    def framebuffer(self) -> moderngl.Framebuffer:
+        return self._ready().framebuffer
+
+    @property
+    def missed_flips(self) -> int:
+        """Flips since `open` that came without a new picture."""
+        return self._missed
+
+    @property
+    def shortfalls(self) -> tuple[DeviceError, ...]:
+        """What is not as asked."""
+        return tuple(self._shortfalls.values())
+
+    @property
+    def connector(self) -> str | None:
+        """Name of the connector in use, as in /sys/class/drm."""
+        return None if self._output is None else self._output.connector.name
+
+    def next_flip_s(self) -> float:
+        period = 1 / self.mode.rate_hz
+        ahead = math.floor((self._clock.now() - self._grid_s) / period) + 1
+        return self._grid_s + max(1 if self._flip is not None else 0, ahead) * period
+
+    def present(self) -> float:
+        """Raises `DeviceLost` PRJ-LOST, PRJ-MASTER, PRJ-COMMIT, PRJ-HUNG."""
+        self._ready()
+        try:
+            self._follow_display()
+            return self._present()
+        except OSError as error:
+            self._state = DeviceState.LOST
+            raise commit_error(error) from error
+        except DeviceError:
+            self._state = DeviceState.LOST
+            raise
+
+    def _present(self) -> float:
+        front, frame = self._finish()
+        try:
+            flip, due_s = self._make_flip(frame)
+        except BaseException:
+            if self._screen is not None:
+                self._screen.give_back(front)
+            raise
+        self._keep(front)
+        self._count(flip, due_s)
+        return flip.time_s
+
+    def _make_flip(self, frame: int) -> tuple[Flip, float]:
+        """The flip to a framebuffer, and when it was due."""
+        assert self._card is not None
+        due_s = self.next_flip_s()
+        if not self._paced:  # the driver would flip at once: keep the mode's rate here
+            self._clock.sleep_until(due_s)
+        self._commit_flip(frame)
+        flip = self._card.wait_flip(_FLIP_TIMEOUT_S)
+        if flip is None:
+            raise DeviceLost(
+                "PRJ-HUNG", f"the display driver made no flip for {_FLIP_TIMEOUT_S:g} s", RETRIED
+            )
+        return flip, due_s
+
+    def _commit_flip(self, frame: int) -> None:
+        assert self._output is not None and self._card is not None
+        try:
+            self._output.flip(frame)
+        except OSError as error:
+            if error.errno != errno.EBUSY:
+                raise
+            self._card.wait_flip(_FLIP_TIMEOUT_S)  # one that nobody waited for
+            self._output.flip(frame)
+
+    def _count(self, flip: Flip, due_s: float) -> None:
+        period = 1 / self.mode.rate_hz
+        if self._flip is not None:
+            self._missed += max(0, round((flip.time_s - self._flip.time_s) / period) - 1)
+        self._flip = flip
+        late = flip.time_s - due_s > period / 2
+        self._grid_s = flip.time_s if self._paced or late else due_s
+
+    def _finish(self) -> tuple[Front, int]:
+        """The drawn picture's buffer, and its framebuffer in the kernel."""
+        screen, card = self._screen, self._card
+        assert screen is not None and card is not None
+        front = screen.swap()
+        frame = self._frames.get(front.buffer)
+        if frame is None:
+            frame = card.add_framebuffer(screen.size, front.handle, front.stride)
+            self._frames[front.buffer] = frame
+        return front, frame
+
+    def _keep(self, front: Front) -> None:
+        """`front` is on the screen now; the buffer before it may be drawn in again."""
+        assert self._screen is not None
+        if self._shown is not None:
+            self._screen.give_back(self._shown)
+        self._shown = front
+
+    def _follow_display(self) -> None:
+        """See to a display that went or came back. Raises `DeviceLost` PRJ-LOST."""
+        assert self._watch is not None and self._output is not None and self._card is not None
+        if not self._watch.changed(self._clock.now()):
+            return
+        there = self._card.connector(self._output.connector.number)
+        if there.connected is False:
+            if not self.settings.force:
+                raise DeviceLost("PRJ-LOST", "the display was switched off or unplugged", RETRIED)
+            return
+        assert self._timing is not None
+        size = (self._timing.hdisplay, self._timing.vdisplay)
+        timing = choose(there.modes, self.settings.mode, self.settings.force)
+        if timing is None or (timing.hdisplay, timing.vdisplay) != size:
+            timing = choose(there.modes, f"{size[0]}x{size[1]}", True)
+        assert timing is not None
+        self._timing = timing
+        _log.info("PRJ-BACK: a display answers on %s; the signal begins anew", there.name)
+        self._relight()
+
+    def _relight(self) -> None:
+        """Begin the signal anew with the picture that is shown, keeping the one being drawn."""
+        assert self._output is not None and self._timing is not None and self._shown is not None
+        frame = self._frames[self._shown.buffer]
+        self._output.switch_off()
+        self._output.switch_on(self._timing, frame)
+        if self.settings.brightness != 1.0 or self.settings.gamma != 1.0:
+            self._apply_curve()
+        self._flip = None
+        self._grid_s = self._clock.now()
+
+    def set_curve(self, brightness: float, gamma: float = 1.0) -> bool:
+        """Brightness (0 to 1) and gamma by the card's table; False where it has none."""
+        self._ready()
+        assert self._output is not None
+        done = self._output.set_curve(brightness, gamma)
+        if not done:
+            self._short(
+                "PRJ-GAMMA",
+                "the display card has no brightness table",
+                "Set the brightness in the show or at the lamp.",
+            )
+        return done
+
+    # Handing the display over to a newer version of the program
+
+    def drop_master(self) -> None:
+        """Let another program take the display; the picture stays until it does."""
+        if self._card is not None:
+            self._card.drop_master()
+
+    def take_master(self) -> None:
+        """Raises `DeviceAbsent` PRJ-MASTER."""
+        if self._card is not None:
+            self._card.take_master()
+
+
+def _absent(error: DeviceError) -> DeviceAbsent:
+    return DeviceAbsent(error.code, error.what, error.remedy)

@@ -1,0 +1,339 @@
+"""What of the KMS projector needs no display: modes, properties, events, tables, choices."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hypermask_drivers.errors import ConfigError, DeviceAbsent, DeviceError, DeviceLost
+from hypermask_drivers.projector import drm_abi as abi
+from hypermask_drivers.projector.drm_card import (
+    Card,
+    Connector,
+    Property,
+    commit_error,
+    parse_enumeration,
+    parse_flip,
+)
+from hypermask_drivers.projector.drm_edid import edid
+from hypermask_drivers.projector.drm_modes import choose, modeline, rate_hz, reduced_blanking
+from hypermask_drivers.projector.kms import KmsProjector, KmsSettings
+from hypermask_drivers.projector.kms_console import (
+    HotplugWatch,
+    force_connector,
+    is_hotplug,
+    silence_console,
+)
+from hypermask_drivers.projector.kms_output import Output, card_paths, curve, find_connector
+
+HD = "74.25 1280 1390 1430 1650 720 725 730 750 +hsync +vsync"
+
+
+def offered(*texts: str) -> list[abi.ModeInfo]:
+    return [modeline(text) for text in texts]
+
+
+# Modes
+
+
+def test_a_modeline_is_read_as_xorg_has_it() -> None:
+    mode = modeline(HD)
+    assert (mode.clock, mode.hdisplay, mode.htotal, mode.vdisplay) == (74250, 1280, 1650, 720)
+    assert (mode.vsync_start, mode.vsync_end, mode.vtotal) == (725, 730, 750)
+    assert mode.flags == abi.FLAG_PHSYNC | abi.FLAG_PVSYNC
+    assert rate_hz(mode) == pytest.approx(60.0) and mode.vrefresh == 60
+    assert mode.name == b"1280x720"
+
+
+@pytest.mark.parametrize(
+    "text", ["", "big", "1280", "74 1280 1390", HD + " +dsync", HD.replace("1390", "1200"), "1 2 x"]
+)
+def test_what_is_no_mode_is_said(text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        choose([], text, False)
+    assert caught.value.code == "PRJ-MODE"
+
+
+@pytest.mark.parametrize(
+    ("size", "rate", "clock", "total"),
+    [
+        # As `cvt -r` prints them.
+        ((1920, 1080), 60.0, 138.50, (2080, 1111)),
+        ((1280, 720), 60.0, 64.00, (1440, 741)),
+        ((1280, 800), 60.0, 71.00, (1440, 823)),
+        ((1024, 768), 60.0, 56.00, (1184, 790)),
+    ],
+)
+def test_timings_for_a_silent_display(
+    size: tuple[int, int], rate: float, clock: float, total: tuple[int, int]
+) -> None:
+    mode = reduced_blanking(*size, rate)
+    assert mode.clock / 1000 == pytest.approx(clock)
+    assert (mode.htotal, mode.vtotal) == total
+    assert rate_hz(mode) == pytest.approx(rate, rel=0.005)
+
+
+def test_the_preferred_mode_unless_told() -> None:
+    modes = offered("25 640 656 752 800 480 490 492 525", HD)
+    assert choose(modes, None, False) is modes[0]
+    modes[1].type |= abi.TYPE_PREFERRED
+    assert choose(modes, None, False) is modes[1]
+
+
+def test_size_and_rate_choose_among_those_offered() -> None:
+    fifty = HD.replace("1390 1430 1650", "1720 1760 1980")
+    modes = offered(fifty, HD)
+    assert choose(modes, "1280x720", False) is modes[1]
+    assert choose(modes, "1280x720@50", False) is modes[0]
+    assert choose(modes, "1280x720@120", False) is None
+    assert choose(modes, "800x600", False) is None
+
+
+def test_interlaced_modes_are_left_out() -> None:
+    mode = modeline(HD)
+    mode.flags |= abi.FLAG_INTERLACE
+    assert choose([mode], "1280x720", False) is None
+
+
+def test_a_forced_mode_is_computed_where_none_is_offered() -> None:
+    mode = choose([], "1280x720@60", True)
+    assert mode is not None and (mode.hdisplay, mode.vdisplay) == (1280, 720)
+
+
+# What the kernel says
+
+
+def test_enumerations_are_read() -> None:
+    data = struct.pack("=Q32sQ32s", 0, b"Overlay", 1, b"Primary")
+    assert parse_enumeration(data) == {"Overlay": 0, "Primary": 1}
+
+
+def event(kind: int, seconds: int, micro: int, sequence: int) -> bytes:
+    return bytes(abi.VblankEvent(kind, 32, 0, seconds, micro, sequence, 40))
+
+
+def test_the_flips_end_is_found_among_the_events() -> None:
+    data = event(1, 5, 0, 6) + event(2, 7, 250_000, 8)
+    flip = parse_flip(data)
+    assert flip is not None and (flip.time_s, flip.sequence) == (7.25, 8)
+    assert parse_flip(event(1, 5, 0, 6)) is None and parse_flip(b"") is None
+    assert parse_flip(data[:40]) is None
+
+
+def test_a_hotplug_event_is_told_from_others() -> None:
+    start = b"change@/devices/pci0/drm/card0\0ACTION=change\0"
+    assert is_hotplug(start + b"SUBSYSTEM=drm\0HOTPLUG=1\0CONNECTOR=36\0")
+    assert not is_hotplug(start + b"SUBSYSTEM=drm\0LEASE=1\0")
+    assert not is_hotplug(start + b"SUBSYSTEM=usb\0HOTPLUG=1\0")
+
+
+def test_a_display_that_goes_is_seen_in_its_status_file(tmp_path: Path) -> None:
+    folder = tmp_path / "card0-HDMI-A-1"
+    folder.mkdir()
+    (folder / "status").write_text("connected\n")
+    watch = HotplugWatch("/dev/dri/card0", "HDMI-A-1", tmp_path)
+    assert not watch.changed(1.0)
+    (folder / "status").write_text("disconnected\n")
+    assert not watch.changed(1.2)  # looked at twice a second at most
+    assert watch.changed(1.6) and not watch.changed(2.2)
+    watch.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(13, "PRJ-MASTER"), (19, "PRJ-LOST"), (22, "PRJ-COMMIT")]
+)
+def test_why_a_picture_is_refused(number: int, code: str) -> None:
+    error = commit_error(OSError(number, "said so"))
+    assert error.code == code and isinstance(error, DeviceLost)
+
+
+# Tables and files
+
+
+def test_the_brightness_table() -> None:
+    table = np.frombuffer(bytes(curve(256, 0.5, 2.0)), np.uint16).reshape(256, 4)  # type: ignore[call-overload]
+    assert table[0].tolist() == [0, 0, 0, 0]
+    assert table[255].tolist() == [32768, 32768, 32768, 0]
+    assert table[128, 0] == pytest.approx(65535 * 0.5 * (128 / 255) ** 2, abs=1)
+
+
+def test_cards_are_opened_by_their_stable_names(tmp_path: Path) -> None:
+    (tmp_path / "card1").touch()
+    (tmp_path / "renderD128").touch()
+    assert card_paths(None, tmp_path) == [str(tmp_path / "card1")]
+    (tmp_path / "by-path").mkdir()
+    (tmp_path / "by-path/platform-gpu-card").touch()
+    (tmp_path / "by-path/platform-gpu-render").touch()
+    assert card_paths(None, tmp_path) == [str(tmp_path / "by-path/platform-gpu-card")]
+    assert card_paths("/dev/dri/card7", tmp_path) == ["/dev/dri/card7"]
+
+
+def test_forcing_a_connector_writes_its_status(tmp_path: Path) -> None:
+    assert not force_connector("/dev/dri/card0", "HDMI-A-1", tmp_path)
+    (tmp_path / "card0-HDMI-A-1").mkdir()
+    assert force_connector("/dev/dri/card0", "HDMI-A-1", tmp_path)
+    assert (tmp_path / "card0-HDMI-A-1/status").read_text() == "on"
+
+
+def test_a_console_that_is_not_there_is_silent(tmp_path: Path) -> None:
+    assert silence_console(tmp_path / "tty0", tmp_path / "fb0")
+    (tmp_path / "tty0").touch()  # no terminal: its mode cannot be set
+    assert not silence_console(tmp_path / "tty0", tmp_path / "fb0")
+
+
+def test_only_a_device_is_painted_black(tmp_path: Path) -> None:
+    (tmp_path / "fb0").write_text("a file")
+    assert not silence_console(tmp_path / "tty0", tmp_path / "fb0")
+    assert (tmp_path / "fb0").read_text() == "a file"
+
+
+# Choices, over a card made of Python
+
+CRTC, CONNECTOR, MIRROR, PLANE, CURSOR = 40, 50, 51, 60, 61
+
+
+class PaperCard:
+    """Two connectors on one CRTC, a primary and a cursor plane; keeps what is committed."""
+
+    path = "/dev/dri/card0"
+
+    def __init__(self) -> None:
+        self.commits: list[tuple[dict[int, dict[int, int]], int]] = []
+        self.connected: dict[int, bool | None] = {CONNECTOR: False, MIRROR: True}
+        self.blobs = 0
+        self.lut = True
+
+    def resources(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        return (CRTC,), (CONNECTOR, MIRROR)
+
+    def connector(self, number: int) -> Connector:
+        name = {CONNECTOR: "HDMI-A-1", MIRROR: "DP-1"}[number]
+        return Connector(number, name, self.connected[number], (modeline(HD),), (70,), 70)
+
+    def encoder(self, number: int) -> abi.GetEncoder:
+        return abi.GetEncoder(encoder_id=number, crtc_id=CRTC, possible_crtcs=1)
+
+    def planes(self) -> tuple[abi.GetPlane, ...]:
+        cursor = abi.GetPlane(plane_id=CURSOR, crtc_id=CRTC, possible_crtcs=1)
+        return cursor, abi.GetPlane(plane_id=PLANE, crtc_id=CRTC, possible_crtcs=1)
+
+    NAMES = (
+        "type", "FB_ID", "CRTC_ID", "CRTC_X", "CRTC_Y", "CRTC_W", "CRTC_H", "SRC_X", "SRC_Y",
+        "SRC_W", "SRC_H", "MODE_ID", "ACTIVE", "GAMMA_LUT", "GAMMA_LUT_SIZE",
+    )  # fmt: skip
+
+    def properties(self, number: int, kind: int) -> dict[str, Property]:
+        values = {"type": {PLANE: 1, CURSOR: 2}.get(number, 0), "CRTC_ID": CRTC}
+        values["GAMMA_LUT_SIZE"] = 256
+        names = self.NAMES if self.lut else self.NAMES[:-2]
+        return {
+            name: Property(100 + index, values.get(name, 0), {"Primary": 1, "Cursor": 2})
+            for index, name in enumerate(names)
+        }
+
+    def blob(self, data: object) -> int:
+        self.blobs += 1
+        return 900 + self.blobs
+
+    def drop_blob(self, number: int) -> None:
+        self.blobs -= 1
+
+    def commit(self, changes: dict[int, dict[int, int]], flags: int) -> None:
+        self.commits.append((changes, flags))
+
+
+def number(name: str) -> int:
+    return 100 + PaperCard.NAMES.index(name)
+
+
+def paper_output() -> tuple[Output, PaperCard]:
+    card = PaperCard()
+    return Output(card, card.connector(CONNECTOR)), card  # type: ignore[arg-type]
+
+
+def test_the_connector_asked_for_or_the_first_with_a_display() -> None:
+    card: Card = PaperCard()  # type: ignore[assignment]
+    assert find_connector(card, None).name == "DP-1"
+    assert find_connector(card, "HDMI-A-1").name == "HDMI-A-1"
+    with pytest.raises(DeviceAbsent) as caught:
+        find_connector(card, "VGA-1")
+    assert caught.value.code == "PRJ-PLUG" and "HDMI-A-1, DP-1" in caught.value.remedy
+
+
+def test_the_primary_plane_is_used() -> None:
+    output, _ = paper_output()
+    assert (output.crtc, output.plane) == (CRTC, PLANE)
+
+
+def test_nothing_else_stays_on_the_screen() -> None:
+    output, card = paper_output()
+    output.switch_on(modeline(HD), 77)
+    changes, flags = card.commits[-1]
+    assert flags == abi.ATOMIC_ALLOW_MODESET
+    assert changes[MIRROR] == {number("CRTC_ID"): 0}
+    assert changes[CURSOR] == {number("FB_ID"): 0, number("CRTC_ID"): 0}
+    assert changes[CONNECTOR] == {number("CRTC_ID"): CRTC}
+    assert changes[CRTC][number("ACTIVE")] == 1
+    assert changes[PLANE][number("FB_ID")] == 77
+    assert changes[PLANE][number("SRC_W")] == 1280 << 16
+
+
+def test_a_flip_does_not_block_and_asks_for_its_time() -> None:
+    output, card = paper_output()
+    output.flip(78)
+    assert card.commits == [
+        ({PLANE: {number("FB_ID"): 78}}, abi.ATOMIC_NONBLOCK | abi.PAGE_FLIP_EVENT)
+    ]
+
+
+def test_modes_set_again_leave_no_blobs_behind() -> None:
+    output, card = paper_output()
+    for _ in range(5):
+        output.switch_on(modeline(HD), 77)
+        output.set_curve(0.5, 1.0)
+    assert card.blobs == 2
+
+
+def test_a_card_without_a_table_says_so() -> None:
+    card = PaperCard()
+    card.lut = False
+    output = Output(card, card.connector(CONNECTOR))  # type: ignore[arg-type]
+    assert not output.set_curve(0.5, 1.0) and card.commits == []
+
+
+# The device
+
+
+def test_without_a_card_it_is_absent() -> None:
+    projector = KmsProjector(KmsSettings(card="/nowhere/card0"))
+    with pytest.raises(DeviceAbsent) as caught:
+        projector.open()
+    assert caught.value.code == "PRJ-CARD"
+    projector.close()
+
+
+@pytest.mark.parametrize("use", ["mode", "context", "framebuffer", "next_flip_s", "present"])
+def test_use_of_a_closed_projector_is_an_error(use: str) -> None:
+    with pytest.raises(DeviceError) as caught:
+        found = getattr(KmsProjector(), use)
+        found()
+    assert caught.value.code == "PRJ-CLOSED"
+
+
+# EDID for a projector that tells none
+
+
+def test_an_edid_tells_the_mode() -> None:
+    data = edid(modeline(HD), "Cart")
+    assert len(data) == 128 and sum(data) % 256 == 0
+    assert data[:8] == b"\x00\xff\xff\xff\xff\xff\xff\x00"
+    # The detailed timing of 1280x720 at 60 Hz as in CTA-861, without the picture's size.
+    assert data[54:72].hex() == "011d007251d01e206e285500" + "000000" + "00001e"
+    assert data[77:82] == b"Cart\n"
+
+
+def test_a_mode_too_large_for_an_edid_is_said() -> None:
+    with pytest.raises(ConfigError) as caught:
+        edid(modeline("1000 5000 5010 5020 5100 2000 2003 2008 2050"))
+    assert caught.value.code == "PRJ-EDID"
