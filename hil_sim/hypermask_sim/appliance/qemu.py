@@ -1,0 +1,223 @@
+"""Runs the virtual cart: boots a disk in QEMU, runs commands in it, looks at its screen.
+
+Emulated without hardware acceleration (TCG), so it runs anywhere; function can be judged there,
+speed cannot. The guest sees two folders of the host: /host (written by both) and /source (read
+only). What it writes on its disk is dropped at the end, unless the disk is a copy of one's own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hypermask_drivers.errors import HypermaskError
+from hypermask_sim.appliance.guest import PORT_NAME
+from hypermask_sim.appliance.image import Image
+
+_KERNEL_LINE = "root=/dev/vda rw console=ttyS0 quiet systemd.show_status=false"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """work: folder for sockets, logs and pictures, seen by the guest as /host; source: what it sees
+    as /source; extra: further arguments of QEMU; kernel_arguments: added to the kernel's line."""
+
+    image: Image
+    work: Path
+    source: Path
+    memory_mb: int = 1024
+    screen: tuple[int, int] = (1280, 800)
+    keep_disk: bool = False
+    extra: Sequence[str] = ()
+    kernel_arguments: Sequence[str] = field(default_factory=tuple)
+
+    def command(self) -> list[str]:
+        work = self.work
+        width, height = self.screen
+        snapshot = "off" if self.keep_disk else "on"
+        return [
+            "nice", "-n", "15", "qemu-system-x86_64",
+            "-machine", "q35", "-accel", "tcg", "-cpu", "Nehalem",
+            "-smp", "1", "-m", str(self.memory_mb),
+            "-kernel", str(self.image.kernel), "-initrd", str(self.image.initrd),
+            "-append", " ".join([_KERNEL_LINE, *self.kernel_arguments]),
+            "-drive", f"file={self.image.disk},format=raw,if=virtio,snapshot={snapshot}",
+            "-display", "none", "-vga", "none", "-nic", "none",
+            "-device", f"virtio-gpu-pci,id=gpu,xres={width},yres={height}",
+            "-serial", f"file:{work / 'console.log'}",
+            "-chardev", f"socket,id=agent,path={work / 'agent.sock'},server=on,wait=off",
+            "-device", "virtio-rng-pci", "-device", "virtio-serial-pci",
+            "-device", f"virtserialport,chardev=agent,name={PORT_NAME}",
+            "-qmp", f"unix:{work / 'qmp.sock'},server=on,wait=off",
+            "-virtfs", f"local,path={work},mount_tag=host,security_model=none,id=host",
+            "-virtfs", f"local,path={self.source},mount_tag=source,security_model=none,"
+            "readonly=on,id=source",
+            *self.extra,
+        ]  # fmt: skip
+
+
+class VirtualCart:
+    """A running machine; a context manager that switches it off."""
+
+    def __init__(self, machine: Machine) -> None:
+        """Raises `HypermaskError` APL-TOOL or APL-START."""
+        if shutil.which("qemu-system-x86_64") is None:
+            raise HypermaskError(
+                "APL-TOOL", "there is no qemu-system-x86_64", "Install qemu-system-x86."
+            )
+        self.machine = machine
+        machine.work.mkdir(parents=True, exist_ok=True)
+        for name in ("agent.sock", "qmp.sock"):
+            (machine.work / name).unlink(missing_ok=True)
+        self._log = (machine.work / "qemu.log").open("wb")
+        self._process = subprocess.Popen(
+            machine.command(), stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log
+        )
+        try:
+            self._agent = self._lines("agent.sock")
+            self._qmp = self._lines("qmp.sock")
+            self._greet()
+        except BaseException:
+            self.power_cut()
+            raise
+        self._request = 0
+
+    def _lines(self, name: str) -> _Lines:
+        deadline = time.monotonic() + 20
+        while True:
+            link = socket.socket(socket.AF_UNIX)
+            with contextlib.suppress(OSError):
+                link.connect(str(self.machine.work / name))
+                return _Lines(link)
+            link.close()
+            if self._process.poll() is not None or time.monotonic() > deadline:
+                raise HypermaskError(
+                    "APL-START", "QEMU does not start", f"Read {self.machine.work / 'qemu.log'}."
+                )
+            time.sleep(0.05)
+
+    def _greet(self) -> None:
+        self._qmp.receive(20)
+        self.monitor("qmp_capabilities")
+
+    # From outside
+
+    def monitor(self, command: str, **arguments: Any) -> Any:
+        """A command of QEMU's monitor protocol. Raises `HypermaskError` APL-MONITOR."""
+        self._qmp.send({"execute": command, "arguments": arguments})
+        while True:
+            answer = self._qmp.receive(30)
+            if "return" in answer:
+                return answer["return"]
+            if "error" in answer:
+                raise HypermaskError(
+                    "APL-MONITOR", f"{command}: {answer['error']['desc']}", "Check the command."
+                )
+
+    def screenshot(self, name: str = "screen") -> NDArray[np.uint8]:
+        """What the display shows: (height, width, 3) RGB, row 0 at the top; kept as a PNG."""
+        path = self.machine.work / f"{name}.ppm"
+        self.monitor("screendump", filename=str(path))
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if picture is None:
+            raise HypermaskError("APL-SCREEN", "the display has no picture", "Is there a mode?")
+        cv2.imwrite(str(path.with_suffix(".png")), picture)
+        path.unlink()
+        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+
+    def power_cut(self) -> None:
+        """As if the plug was pulled. May be called again."""
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self._log.close()
+
+    # Inside
+
+    def wait_booted(self, timeout_s: float = 300) -> float:
+        """Seconds until the guest answers. Raises `HypermaskError` APL-BOOT."""
+        began = time.monotonic()
+        try:
+            while self._agent.receive(timeout_s - (time.monotonic() - began)).get("id") != 0:
+                pass
+        except TimeoutError:
+            raise HypermaskError(
+                "APL-BOOT", "the guest does not boot", f"Read {self.machine.work}/console.log."
+            ) from None
+        return time.monotonic() - began
+
+    def run(self, command: str, timeout_s: float = 120, check: bool = True) -> str:
+        """Output of a shell command in the guest. Raises `HypermaskError` APL-COMMAND."""
+        self._request += 1
+        self._agent.send({"id": self._request, "command": command, "timeout_s": timeout_s})
+        deadline = time.monotonic() + timeout_s + 30
+        while True:
+            try:
+                answer = self._agent.receive(deadline - time.monotonic())
+            except TimeoutError:
+                answer = {"id": self._request, "status": 124, "output": "the guest is silent"}
+            if answer.get("id") == self._request:
+                break
+        if check and answer["status"]:
+            raise HypermaskError(
+                "APL-COMMAND",
+                f"`{command}` ended with {answer['status']}: {answer['output'].strip()[-2000:]}",
+                "Read the guest's journal.",
+            )
+        return str(answer["output"])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.power_cut()
+
+
+class _Lines:
+    """JSON objects, one a line, over a socket."""
+
+    def __init__(self, link: socket.socket) -> None:
+        self._link = link
+        self._buffer = b""
+
+    def send(self, item: dict[str, Any]) -> None:
+        self._link.sendall(json.dumps(item).encode() + b"\n")
+
+    def receive(self, timeout_s: float) -> dict[str, Any]:
+        """The next object; what is no object is passed over. Raises `TimeoutError`."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            line, newline, rest = self._buffer.partition(b"\n")
+            if newline:
+                self._buffer = rest
+                with contextlib.suppress(ValueError):
+                    item = json.loads(line)
+                    if isinstance(item, dict):
+                        return item
+                continue
+            remaining = deadline - time.monotonic()
+            if remaining <= 0:
+                raise TimeoutError
+            self._link.settimeout(remaining)
+            data = self._link.recv(65536)
+            if not data:
+                raise HypermaskError("APL-GONE", "the virtual machine ended", "Read qemu.log.")
+            self._buffer += data
