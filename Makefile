@@ -9,11 +9,11 @@ DEMO := build/demo
 # Small linear algebra gets slower with BLAS threads.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help setup models demo test lint format bench clean
+.PHONY: help setup models demo test appliance-test lint format bench clean
 .DEFAULT_GOAL := help
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
 setup: $(READY) ## install what the project needs: Debian packages and .venv
 
@@ -38,6 +38,9 @@ demo: $(READY) $(MODELS) ## play a whole simulated show into build/demo: video, 
 
 test: $(READY) $(MODELS) ## run the tests (under 10 minutes on 2 cores)
 	$(BIN)/pytest
+
+appliance-test: $(READY) ## boot a Debian in QEMU and try the camera's and the projector's driver in it (as root)
+	$(BIN)/pytest -m appliance tests/appliance
 
 lint: $(READY) ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff check .
