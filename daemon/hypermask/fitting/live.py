@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.errors import UsageError
-from hypermask.texture.build import make_texture
+from hypermask.texture.build import make_texture, registration
 from hypermask.texture.landmarks import Landmarks
 from hypermask.texture.normalise import FINE_SIZE, SIZE, shrunk
 from hypermask.texture.pupils import find_pupils
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
 
 
 class LiveTexture:
@@ -23,6 +24,7 @@ class LiveTexture:
         self._photo = photo
         self._face = Landmarks(landmarks, 1.0, find_pupils(photo, landmarks[:, :2]))
         self._kept: dict[int, tuple[Image, Landmarks, float]] = {}
+        self._beside: dict[int, Map | None] = {}
 
     def make(self, vertices: Array, size: int = SIZE) -> tuple[Image, Image]:
         """(texture (size, size, 3), eyes), both RGB, where the mesh lies so (V, 2).
@@ -34,7 +36,10 @@ class LiveTexture:
                 "FIT-SIZE", f"a texture of {size!r} texels is not made", "512 or 1024."
             )
         photo, face, scale = self._at(size)
-        return make_texture(photo, face, size, vertices=(vertices + 0.5) * scale - 0.5)
+        if size not in self._beside:
+            self._beside[size] = registration(photo, face)
+        placed = (vertices + 0.5) * scale - 0.5
+        return make_texture(photo, face, size, vertices=placed, beside=self._beside[size])
 
     def _at(self, size: int) -> tuple[Image, Landmarks, float]:
         """Photograph, landmarks and scale: no larger than a texture of this size can use."""

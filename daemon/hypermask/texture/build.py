@@ -122,21 +122,37 @@ def make_texture(
     size: int = SIZE,
     model: MorphableModel | None = None,
     vertices: Array | None = None,
+    beside: Map | None = None,
 ) -> tuple[Image, Image]:
     """(texture (size, size, 3), eyes), both RGB, from a photograph (h, w, 3) BGR and landmarks.
 
     size: 512 or 1024; model: another morphable model than the shipped one; vertices:
-    (V, 2) pixels where the mesh lies in the photograph, instead of the automatic fit.
+    (V, 2) pixels where the mesh lies in the photograph, instead of the automatic fit, and with
+    it beside: the automatic fit's own `registration`, which a mesh placed by hand must not undo.
     Raises `DataError` FACE-HIDDEN, TEXTURE-MODEL.
     """
-    whole, seen, *_ = _made(image, face, size, model or load_model(), vertices)
+    whole, seen, *_ = _made(image, face, size, model or load_model(), vertices, beside)
     with ThreadPoolExecutor(1) as pool:
         eyes = pool.submit(_eyes, seen)
         return _finished(whole), eyes.result()
 
 
+def registration(image: Image, face: Landmarks, model: MorphableModel | None = None) -> Map | None:
+    """How far beside its texels a turned face's skin lies by the automatic fit (`register.shift`);
+    None for a frontal one."""
+    flat = _normalised(image, face, SIZE)
+    off_front = head_pose(face.points).off_front_deg
+    weight = np.minimum(belief(flat), viewing(face.points, off_front > FROM_DEG))
+    return shift(model or load_model(), _lip_line(flat), weight, off_front)
+
+
 def _made(
-    image: Image, face: Landmarks, size: int, model: MorphableModel, vertices: Array | None = None
+    image: Image,
+    face: Landmarks,
+    size: int,
+    model: MorphableModel,
+    vertices: Array | None = None,
+    beside: Map | None = None,
 ) -> tuple[Image, Image, float, Image]:
     """(texture (size, size, 3) before it is balanced, the same at SIZE, share of the face before
     which something else is seen, photograph in the layout (SIZE, SIZE, 3)); all BGR.
@@ -149,7 +165,8 @@ def _made(
             "FACE-HIDDEN", "too little skin is seen in the photograph", "Use another photograph."
         )
     lined = _lip_line(flat)
-    beside = shift(model, lined, weight, off_front)
+    if vertices is None:
+        beside = shift(model, lined, weight, off_front)
     if beside is not None:
         lined = _lip_line(_normalised(image, face, SIZE, vertices, beside))
     found = estimate(model, small(lined), small(weight))
