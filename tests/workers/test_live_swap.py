@@ -99,6 +99,9 @@ def test_a_photograph_that_is_not_there_is_told_before_the_show(tmp_path: Path) 
     with pytest.raises(HypermaskError) as caught:
         Rehearsal(show('performer.photos=[[1.0, "/nowhere.jpg", "x"]]'))
     assert caught.value.code == "PHOTO-ABSENT"
+    with pytest.raises(HypermaskError) as caught:
+        Rehearsal(show(f'performer.photos=[[1.0, "{photo()}", "no name"]]'))
+    assert caught.value.code == "CHAR-NAME"
     dots = scenario("reference-cart", f'performer.photos=[[1.0, "{photo()}", "x"]]')
     with pytest.raises(HypermaskError) as caught:
         Rehearsal(dots)
@@ -126,6 +129,20 @@ def test_an_order_that_cannot_be_read_is_answered_and_left_out(tmp_path: Path, t
     told = orders.outcome(tmp_path, "0-x")
     assert told is not None and told["error"] == "ORDER-READ"
     assert json.dumps(told)
+
+
+def test_an_order_that_nobody_can_be_told_of_is_not_done_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    number = orders.place(tmp_path, orders.Order(name="a", photo="/a.jpg"))
+
+    def full(path: Path, data: bytes) -> None:
+        raise HypermaskError("DISK-WRITE", "the disk is full", "Free some space.")
+
+    monkeypatch.setattr(orders, "write_atomically", full)
+    with pytest.raises(HypermaskError):
+        orders.answer(tmp_path, number, {})
+    assert orders.oldest(tmp_path) is None
 
 
 def test_a_character_that_is_made_already_can_be_ordered(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hypermask.errors import ConfigError, DataError
+from hypermask.face.character import check_name
 from hypermask.stage.renderer import DrawItem
 from hypermask.workers.orders import Order, place
 from hypermask_sim.scenario import Scenario
@@ -15,8 +16,10 @@ SHELF = "characters"
 
 
 def check_photos(scenario: Scenario, has_faces: bool) -> None:
-    """Raises `DataError` PHOTO-ABSENT, `ConfigError` CFG-VALUE in a show of test dots."""
-    for _, photo, _ in scenario.performer.photos:
+    """Raises `DataError` PHOTO-ABSENT, `UsageError` CHAR-NAME, `ConfigError` CFG-VALUE in a show of
+    test dots."""
+    for _, photo, name in scenario.performer.photos:
+        check_name(name)
         if not has_faces:
             raise ConfigError(
                 "CFG-VALUE", "the test dots take no photographs", "Choose another character."

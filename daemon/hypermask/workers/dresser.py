@@ -78,7 +78,8 @@ class Dresser:
         except HypermaskError as error:
             self._report(self._clock.now(), error.code, str(error))
             result = {"error": error.code, "what": error.what, "remedy": error.remedy}
-            orders.answer(self.orders, number, result)
+            with contextlib.suppress(HypermaskError):  # a full disk was reported just now
+                orders.answer(self.orders, number, result)
         self.compute_s.append(time.perf_counter() - began)
         self._publish()
         return True

@@ -6,6 +6,7 @@ NAME.done      what became of it; the last few are kept
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from pathlib import Path
@@ -50,14 +51,20 @@ def oldest(folder: Path) -> tuple[str, Order] | None:
             return path.stem, parse(Order, json.loads(path.read_text("utf-8")), path.name)
         except (OSError, ValueError, HypermaskError) as error:
             told = {"error": "ORDER-READ", "what": str(error), "remedy": "Order again."}
-            answer(folder, path.stem, told)
+            with contextlib.suppress(HypermaskError):  # a full disk: nobody can be told
+                answer(folder, path.stem, told)
     return None
 
 
 def answer(folder: Path, number: str, result: dict[str, Any]) -> None:
-    """What became of an order, which is then none any more. Raises `HypermaskError` DISK-WRITE."""
-    write_atomically(folder / f"{number}.done", json.dumps(result).encode())
-    (folder / f"{number}.json").unlink(missing_ok=True)
+    """What became of an order, which is then none any more.
+
+    Raises `HypermaskError` DISK-WRITE: then nobody is told, but it is not done again and again.
+    """
+    try:
+        write_atomically(folder / f"{number}.done", json.dumps(result).encode())
+    finally:
+        (folder / f"{number}.json").unlink(missing_ok=True)
     for old in sorted(folder.glob("*.done"))[:-_KEPT]:
         old.unlink(missing_ok=True)
 
