@@ -82,10 +82,13 @@ class StageRenderer:
         for program in self._programs[SINGLE:]:
             uniform(program, "other").value = 1
 
-    def load(self, key: str, actor: Actor) -> None:
-        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time."""
+    def load(self, key: str, actor: Actor, costume: Costume | None = None) -> None:
+        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time.
+
+        costume: of all its layers, where it is made already.
+        """
         with self._context:
-            costume = self.costume(actor)
+            costume = costume or self.costume(actor)
             mesh = GpuMesh(self._context, actor, self._programs)
             loaded = GpuActor(mesh, self._stock, costume)
             for _ in loaded.fill():
