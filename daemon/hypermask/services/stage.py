@@ -127,6 +127,8 @@ class StageLoop:
             if overture is not None
             else StageRenderer(device.context, (mode.width, mode.height), mask, settings)
         )
+        renderer.complete(mask)
+        yield
         cast, store = Cast({}, mask, renderer), Costumes(settings.projector_gamma)
         first, face = self._first_face(show)
         yield
