@@ -25,7 +25,7 @@ from hypermask.workers.modes import HELD, Hold, ModeKeeper, Modes
 from hypermask.workers.modes import Mode as Mode
 from hypermask.workers.retry import Kept, Report
 from hypermask_drivers.clock import Clock
-from hypermask_drivers.keypad import Keypad
+from hypermask_drivers.keypad import KeyEvent, Keypad
 
 PATIENCE_S = 0.02
 """The longest wait for a key, so that requests and the neck's beat are in time."""
@@ -34,7 +34,7 @@ RESUME_S = 30.0
 
 
 class ShowWorker:
-    """Owns the keypad and the slow devices; writes `Board.scene` when it starts and after every
+    """Owns the keypad, if there is one, and the slow devices; writes `Board.scene` when it starts and after every
     cue and every arrival, `Board.neck` every 0.1 s, `Board.words` and `Board.machine`.
 
     Began again after it died, it goes on with the scene that is on the board.
@@ -42,7 +42,7 @@ class ShowWorker:
 
     def __init__(
         self,
-        keypad: Keypad,
+        keypad: Keypad | None,
         engine: ShowEngine,
         board: Board,
         clock: Clock,
@@ -54,7 +54,7 @@ class ShowWorker:
         reload: Callable[[], ShowFile] | None = None,
     ) -> None:
         """reload: reads the show file again, for the request `reload`."""
-        self.keypad = Kept(keypad, "keypad", clock, report)
+        self.keypad = None if keypad is None else Kept(keypad, "keypad", clock, report)
         self.engine = engine
         self._board, self._report, self._clock = board, report, clock
         self.keeper = ModeKeeper(modes or {}, board, report)
@@ -78,7 +78,7 @@ class ShowWorker:
             )
         self.devices.step(now_s)
         self._beat(now_s)
-        event = self.keypad.use(lambda keypad: keypad.read(min(timeout_s, PATIENCE_S)))
+        event = self._key(min(timeout_s, PATIENCE_S))
         if event is None:
             self._nothing_pressed()
             return False
@@ -96,7 +96,8 @@ class ShowWorker:
         if self._control is not None:
             self._control.close()
         self.devices.close()
-        self.keypad.device.close()
+        if self.keypad is not None:
+            self.keypad.device.close()
 
     # --- what requests may do, see `commands.Desk` --------------------------------------------
 
@@ -153,7 +154,8 @@ class ShowWorker:
         return self.devices.test(kind) if action == "test" else self.devices.probe(kind)
 
     def _keypad_state(self) -> dict[str, object]:
-        return {"kind": "keypad", "state": self.keypad.device.state.value}
+        state = "none" if self.keypad is None else self.keypad.device.state.value
+        return {"kind": "keypad", "state": state}
 
     # --- its own turns ------------------------------------------------------------------------
 
@@ -183,9 +185,13 @@ class ShowWorker:
             self._board.neck.publish(self.engine.beat(now_s))
             self._beaten_s = now_s
 
+    def _key(self, timeout_s: float) -> KeyEvent | None:
+        keypad = self.keypad
+        return None if keypad is None else keypad.use(lambda device: device.read(timeout_s))
+
     def _nothing_pressed(self) -> None:
         now_s = self._clock.now()
-        if not self.keypad.ready():
+        if self.keypad is None or not self.keypad.ready():
             self._hold.forget()
             return
         held = self._hold.due(now_s)
