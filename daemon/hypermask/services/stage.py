@@ -70,6 +70,11 @@ class StageLoop:
         self._looked_s = rig.clock.now()
         self._calibrated = calibration_state()
 
+    @property
+    def cast(self) -> tuple[str, ...]:
+        """Who can be drawn by now."""
+        return self._cast.names
+
     def begin(self) -> None:
         """Black at once, whatever else takes its time; after an overture it is light already."""
         if self._overture is None:
@@ -150,6 +155,7 @@ class StageLoop:
         pacer = Pacer(1 / mode.rate_hz) if overture is None else overture.pacer
         self._flipper = Flipper(self.projector, self._worker, clock, pacer, mode.light_delay_s)
         others = [name for name in show.characters if name not in cast.names]
+        self._cast = cast
         self._entrances = Entrances(cast, others, store, mask, rig.report, clock.now())
         self._wings = Wings(cast, rig.board, rig.report)
         self._context = device.context
