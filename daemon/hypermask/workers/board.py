@@ -13,6 +13,7 @@ from hypermask.neck.record import HEAD, NECK
 from hypermask.show.scene import SCENE
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
+from hypermask.workers.lesson_record import LESSON, LESSON_RESULT
 
 KEPT = 200_000
 """How many of its latest figures a worker remembers, so that a long night does not fill memory."""
@@ -61,7 +62,7 @@ CURTAIN = np.dtype([("dressed", "<i8")])  # the last version that can be drawn
 class Board:
     """track: by the tracker; mouth: by the voice; scene and neck: by the show; pace, curtain and
     lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in the folder; head: by
-    the pan-tilt worker."""
+    the pan-tilt worker; lesson: by whoever teaches the voice, lesson_result: by the voice."""
 
     track: Topic
     mouth: Topic
@@ -72,13 +73,18 @@ class Board:
     lip_sync: Topic
     neck: Topic
     head: Topic
+    lesson: Topic
+    lesson_result: Topic
     folder: Path | None = None
 
     @staticmethod
     def local(folder: Path | None = None) -> Board:
         track, mouth, scene, pace = (LocalTopic() for _ in range(4))
         wardrobe, curtain, lip_sync, neck, head = (LocalTopic() for _ in range(5))
-        return Board(track, mouth, scene, pace, wardrobe, curtain, lip_sync, neck, head, folder)
+        return Board(
+            track, mouth, scene, pace, wardrobe, curtain, lip_sync, neck, head,
+            lesson=LocalTopic(), lesson_result=LocalTopic(), folder=folder,
+        )  # fmt: skip
 
     @staticmethod
     def shared(folder: Path) -> Board:
@@ -93,5 +99,7 @@ class Board:
             SharedTopic(folder / "lip_sync", LIP_SYNC),
             SharedTopic(folder / "neck", NECK),
             SharedTopic(folder / "head", HEAD),
+            SharedTopic(folder / "lesson", LESSON),
+            SharedTopic(folder / "lesson_result", LESSON_RESULT),
             folder,
         )
