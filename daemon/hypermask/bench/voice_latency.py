@@ -70,8 +70,8 @@ def voice_latency(progress: bool) -> Table:
         (
             "From the middle of the 25 ms that a mouth was made of (12.5 ms before its last "
             "sample) to its record; look-ahead 0, 16 kHz. Start and end: the first and the last "
-            "tenth. Creep: what a straight line through all of them rises by. A hop: processor time "
-            "for 10 ms of sound, with the driver and the emulated card.",
+            "tenth. Creep: what a straight line through all of them rises by. A hop: processor "
+            "time for 10 ms of sound, with the driver and the emulated card.",
             "Real time: the worker in a process of its own, seen through the shared blackboard by "
             "another process that looks each 0.3 ms. The reference cart's microphone gives blocks "
             "of 8 ms, 4 ms late.",
