@@ -66,6 +66,7 @@ class Rehearsal:
         answer: Callable[[str, int], np.ndarray],
         length_s: float = 60.0,
         in_use: speaker.Speaker | None = None,
+        board: Board | None = None,
         **fault: float | str,
     ) -> None:
         """answer: from what is asked and how often it was before to what the actor says."""
@@ -74,7 +75,7 @@ class Rehearsal:
         self.sound = np.zeros(round(length_s * RATE), np.float32)
         self.world.__dict__["voice"] = Voice(self.sound, RATE)
         self.clock = VirtualClock()
-        self.board = Board.local()
+        self.board = board or Board.local()
         self.events: list[str] = []
         self.worker = VoiceWorker(
             SimSoundIn(self.world, self.clock), self.board, self.clock,
