@@ -13,6 +13,7 @@ from hypermask.neck.record import HEAD, NECK
 from hypermask.show.scene import SCENE
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
+from hypermask.workers.lesson_record import LESSON, LESSON_RESULT
 
 KEPT = 200_000
 """How many of its latest figures a worker remembers, so that a long night does not fill memory."""
@@ -91,6 +92,8 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
     "head": HEAD,
     "words": WORDS,
     "machine": MACHINE,
+    "lesson": LESSON,
+    "lesson_result": LESSON_RESULT,
 }
 """Every topic by its name, which is its file's and its field's in `Board` too."""
 
@@ -99,7 +102,8 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
 class Board:
     """track: by the tracker; mouth: by the voice; scene, neck, words and machine: by the show;
     pace, curtain and lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in the
-    folder; head: by the pan-tilt worker."""
+    folder; head: by the pan-tilt worker; lesson: by whoever teaches the voice, lesson_result: by
+    the voice."""
 
     track: Topic
     mouth: Topic
@@ -112,6 +116,8 @@ class Board:
     head: Topic
     words: Topic
     machine: Topic
+    lesson: Topic
+    lesson_result: Topic
     folder: Path | None = None
 
     @staticmethod
