@@ -61,6 +61,7 @@ BENCHES: dict[str, Bench] = {
         "from a sound to the mouth on the blackboard, and whether that creeps in an hour",
         "hypermask.bench.voice_latency:voice_latency",
     ),
+    "start": Bench("the stage's start to its first face", "hypermask.bench.start:start"),
     "realtime": Bench("flips on time against the real clock", "hypermask.bench.parts:realtime"),
 }
 
