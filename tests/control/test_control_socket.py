@@ -221,7 +221,7 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
 
 
 def test_without_a_show_the_client_says_so(tmp_path: Path) -> None:
-    with pytest.raises(HypermaskError, match="CTL-NONE.*systemctl start"):
+    with pytest.raises(HypermaskError, match=r"CTL-NONE.*systemctl start"):
         ask({"do": "status"}, tmp_path / "none")
 
 

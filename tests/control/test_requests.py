@@ -118,7 +118,7 @@ def test_a_gesture_that_no_head_can_make_is_refused_in_the_show_file(tmp_path: P
     for line in ('gesture = "dance"', "look = [400.0, 0.0]", "look = [1.0]"):
         path = tmp_path / "show.toml"
         path.write_text(f'version = 1\nname = "x"\ncharacters = ["mean"]\n[cues.a]\n{line}\n')
-        with pytest.raises(ConfigError, match="CFG-(VALUE|MISSING)"):
+        with pytest.raises(ConfigError, match=r"CFG-(VALUE|MISSING)"):
             load_show(path)
 
 
