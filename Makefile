@@ -9,7 +9,7 @@ DEMO := build/demo
 # Small linear algebra gets slower with BLAS threads.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help setup models demo test appliance-test lint format bench clean
+.PHONY: help setup models demo test appliance-test deb lint format bench clean
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -37,10 +37,13 @@ demo: $(READY) $(MODELS) ## play a whole simulated show into build/demo: video, 
 	@echo "Look at $(DEMO)/show.mp4 and $(DEMO)/contact-sheet.png; figures in $(DEMO)/report.json"
 
 test: $(READY) $(MODELS) ## run the tests (under 10 minutes on 2 cores)
-	$(BIN)/pytest
+	$(BIN)/pytest -n $(shell nproc) --dist loadfile
 
 appliance-test: $(READY) ## boot a Debian in QEMU and try the camera's and the projector's driver in it (as root)
 	$(BIN)/pytest -m appliance tests/appliance
+
+deb: $(MODELS) ## build the Debian packages into build/deb
+	bash .ci/deb
 
 lint: $(READY) ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff check .
