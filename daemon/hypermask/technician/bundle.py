@@ -60,9 +60,7 @@ def make(out: Path, run_it: Run = run) -> list[str]:
         "disk.txt": lambda: _output(run_it, "df", "-h", str(paths.home()), str(paths.run())),
     }
     written = {
-        # A version of four numbers would pass for an address.
-        name: _safely(part) if name in ("README.txt", "versions.txt") else clean(_safely(part))
-        for name, part in parts.items()
+        name: clean(_safely(part), versions=name == "versions.txt") for name, part in parts.items()
     }
     write_atomically(out, _packed(written))
     out.chmod(0o600)

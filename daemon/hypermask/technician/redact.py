@@ -23,6 +23,7 @@ _MEDIA = "jpe?g|png|gif|heic|heif|webp|bmp|tiff?|raw|dng|wav|mp3|flac|ogg|opus|m
 _HEX = "[0-9a-f]{1,4}"
 _HEXES = f"{_HEX}(?::{_HEX}){{0,6}}"
 _VALUE = r"(\"[^\"\n]*\"?|'[^'\n]*'?|[^\s,;}]+)"
+_ADDRESS = r"(?<![\d.])(?:\d{1,3}\.){3}\d{1,3}(?![\d.])"
 _FORMS = tuple(
     (re.compile(form, flags), mark)
     for form, mark, flags in (
@@ -38,7 +39,7 @@ _FORMS = tuple(
         (r"\b(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}\b", "[mac]", re.I),
         (rf"(?<![\w:])(?:{_HEXES})?::(?:{_HEXES})?(?:%\w+)?(?:/\d+)?(?![\w:])", "[ip]", re.I),
         (rf"(?<![\w:.])(?:{_HEX}:){{5,7}}{_HEX}(?:%\w+)?(?:/\d+)?(?![\w:])", "[ip]", re.I),
-        (r"(?<![\d.])(?:\d{1,3}\.){3}\d{1,3}(?![\d.])", "[ip]", 0),
+        (_ADDRESS, "[ip]", 0),
         (
             r"\b((?:i?serial(?:[ _-]?(?:number|short|no))?|ID_SERIAL\w*|(?:machine|boot)[_-]?id)"
             rf"[\"']?\s*[=:#]\s*){_VALUE}",
@@ -67,13 +68,18 @@ class Redactor:
             re.compile(rf"(?i)(?<![A-Za-z0-9])(?:{pattern})(?![A-Za-z0-9])") if ordered else None
         )
 
-    def __call__(self, text: str) -> str:
-        """The text without them; control characters and endless lines go as well."""
+    def __call__(self, text: str, versions: bool = False) -> str:
+        """The text without them; control characters and endless lines go as well.
+
+        versions: four numbers with dots are a version here, and no address.
+        """
         clean = "".join(sign if sign.isprintable() or sign in "\n\t" else " " for sign in text)
         clean = "\n".join(line[:_LONGEST] for line in clean.split("\n"))
         if self._known is not None:
             clean = self._known.sub(lambda hit: self._marks[hit.group().casefold()], clean)
         for form, mark in _FORMS:
+            if versions and form.pattern == _ADDRESS:
+                continue
             clean = form.sub(mark, clean)
         return _NAMED.sub(_unnamed, clean)
 
