@@ -1,4 +1,4 @@
-"""Upgrades and rollbacks with dpkg itself, in a root of their own: small packages of the same name."""
+"""Upgrades and rollbacks with dpkg itself, in a root of their own: small packages of that name."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ def test_a_package_is_kept_whole_or_not_at_all(
     assert list(cart.shelf.folder.iterdir()) == []
 
 
-# --- power cuts -------------------------------------------------------------------------------------
+# --- power cuts ----------------------------------------------------------------------------------
 
 
 def interrupted(cart: Cart, tmp_path: Path, want: str) -> None:
