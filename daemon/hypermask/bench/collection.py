@@ -57,6 +57,7 @@ BENCHES: dict[str, Bench] = {
         "speech to mouth beside the paper, MFCC templates and flapping, with noise",
         "hypermask.bench.voice:voice",
     ),
+    "start": Bench("the stage's start to its first face", "hypermask.bench.start:start"),
     "realtime": Bench("flips on time against the real clock", "hypermask.bench.parts:realtime"),
 }
 
