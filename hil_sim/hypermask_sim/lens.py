@@ -107,7 +107,10 @@ class FisheyeLens:
         p1, p2 = self.decentring
         x, y = spot[..., 0], spot[..., 1]
         square = x * x + y * y
-        shift = [2 * p1 * x * y + p2 * (square + 2 * x * x), p1 * (square + 2 * y * y) + 2 * p2 * x * y]
+        shift = [
+            2 * p1 * x * y + p2 * (square + 2 * x * x),
+            p1 * (square + 2 * y * y) + 2 * p2 * x * y,
+        ]
         return np.asarray(spot + np.stack(shift, axis=-1))
 
 

@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 
 from hypermask.blackboard import Record
+from hypermask.calibration.fixed import Fixed
 from hypermask.geometry import Array, Pose
 from hypermask.loudspeaker.offset import LipSyncMeter
 from hypermask.loudspeaker.settings import Loudspeaker
@@ -31,6 +32,7 @@ from hypermask.stage.mapping import (
 )
 from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.scene import MaskFade, live_mouth
+from hypermask.stage.screen import ScreenMapping, ScreenRenderer
 from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import predict as predict_motion
 from hypermask.tracking.motion_model import MotionParameters
@@ -71,6 +73,8 @@ class Picture:
 class TrackReader:
     """Predicts from the newest track record; the mapping asks it at the latch."""
 
+    tracks = True
+
     def __init__(
         self, board: Board, prediction: str, models: MotionParameters | None = None
     ) -> None:
@@ -83,6 +87,11 @@ class TrackReader:
         """Latch the newest record for the coming frame."""
         self.track = self._board.track.latest()
         return self.track
+
+    def seen_s(self, now_s: float) -> float | None:
+        """When the mask was last seen, by the latched record."""
+        seen_s = -np.inf if self.track is None else float(self.track["seen_s"])
+        return seen_s if np.isfinite(seen_s) else None
 
     def pose(self, time_s: float) -> Pose | None:
         """camera_from_mask at `time_s`, None before the first measurement."""
@@ -100,8 +109,43 @@ class TrackReader:
         return predict_points(self.track["points"], time_s, mode)
 
 
+class ScreenReader(TrackReader):
+    """For a screen that is fixed to its projector: always there, nothing to track."""
+
+    tracks = False
+
+    def refresh(self) -> Record | None:
+        return None
+
+    def seen_s(self, now_s: float) -> float | None:
+        return now_s
+
+
+def renderer_for(
+    calibration: object,
+    context: moderngl.Context,
+    size: tuple[int, int],
+    mask: Mask,
+    settings: StageSettings,
+) -> StageRenderer:
+    """The renderer that belongs to a calibration, for framebuffers of `size` (width, height)."""
+    if isinstance(calibration, Fixed):
+        return ScreenRenderer(context, size, mask, calibration, settings)
+    return StageRenderer(context, size, mask, settings)
+
+
+def reader_for(
+    calibration: object, board: Board, prediction: str, models: MotionParameters | None = None
+) -> TrackReader:
+    reader = ScreenReader if isinstance(calibration, Fixed) else TrackReader
+    return reader(board, prediction, models)
+
+
 def mapping_for(calibration: object, mask: Mask, reader: TrackReader) -> Mapping:
-    """The mapping that belongs to a calibration: planar (paper) or projector matrix (default)."""
+    """The mapping that belongs to a calibration: planar (paper), projector matrix (default) or
+    fixed (Mask-bot)."""
+    if isinstance(calibration, Fixed):
+        return ScreenMapping(mask)
     if hasattr(calibration, "homography"):
         planar: PlanarCalibration = calibration  # type: ignore[assignment]
         return PlanarMapping(planar, mask, reader.points)
@@ -143,9 +187,9 @@ class StageWorker:
     def latch(self, now_s: float, light_s: float) -> Picture:
         """What the frame whose light leaves at `light_s` shows, by all that is known now."""
         began = time.perf_counter()
-        track, scene = self._reader.refresh(), self._board.scene.latest()
-        seen_s = float(track["seen_s"]) if track is not None else -np.inf
-        visible = self._fade.update(now_s, seen_s if np.isfinite(seen_s) else None)
+        self._reader.refresh()
+        scene, seen_s = self._board.scene.latest(), self._reader.seen_s(now_s)
+        visible = self._fade.update(now_s, seen_s)
         if scene is None or visible <= 0:
             self._latch_s = time.perf_counter() - began
             return Picture(light_s, None, (), 0.0, None)
@@ -158,7 +202,8 @@ class StageWorker:
         items = self._items(scene, mouth, arousal, light_s) if lit else ()
         self._latch_s = time.perf_counter() - began
         heard_s = None if sound is None else float(sound["time_s"])
-        picture = Picture(light_s, matrix, items, brightness, seen_s, heard_s)
+        measured_s = seen_s if self._reader.tracks else None
+        picture = Picture(light_s, matrix, items, brightness, measured_s, heard_s)
         if self._lip_sync is not None and items:
             self._lip_sync.add(picture.mouth_lag_s)
         return picture
