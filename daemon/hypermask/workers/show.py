@@ -34,8 +34,9 @@ RESUME_S = 30.0
 
 
 class ShowWorker:
-    """Owns the keypad, if there is one, and the slow devices; writes `Board.scene` when it starts and after every
-    cue and every arrival, `Board.neck` every 0.1 s, `Board.words` and `Board.machine`.
+    """Owns the keypad, if there is one, and the slow devices; writes `Board.scene` when it starts
+    and after every cue and every arrival, `Board.neck` every 0.1 s, `Board.words` and
+    `Board.machine`.
 
     Began again after it died, it goes on with the scene that is on the board.
     """
