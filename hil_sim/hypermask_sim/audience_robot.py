@@ -82,15 +82,13 @@ class RobotAudience(Audience):
         return np.asarray(self._rest + upright @ np.array(world.scenario.screen.pivot_m))
 
     def _followed(self, time_s: float, span_s: float) -> Array:
-        return self._rest
+        return np.asarray(self._rest)
 
     def _spill_boxes(self, lit: Window | None) -> _Boxes:
         return _Boxes(None, None)  # all light stays inside the head
 
 
-def audience_of(
-    context: moderngl.Context, world: World, size: tuple[int, int] = SIZE
-) -> Audience:
+def audience_of(context: moderngl.Context, world: World, size: tuple[int, int] = SIZE) -> Audience:
     """The view that suits the world."""
     kind = Audience if world.mounted is None else RobotAudience
     return kind(context, world, size)

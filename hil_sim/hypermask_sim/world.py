@@ -171,6 +171,10 @@ class World:
         rotations, positions = self.camera_from_masks(np.array([time_s]))
         return rotations[0], positions[0]
 
+    def put(self, position_m: ArrayLike, attitude: Attitude) -> None:
+        """Somebody puts the mask somewhere else, from now on: an operator who calibrates."""
+        self.rest, self._attitude = np.asarray(position_m, float), rotation_of(attitude)
+
     # Light -----------------------------------------------------------------------------------
 
     @property

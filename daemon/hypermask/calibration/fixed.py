@@ -249,7 +249,7 @@ def _left_one_out(points: Array, pixels: Array, fitted: Fixed, sigma: float) -> 
         np.linalg.solve(np.eye(2) - blocks[i, :, i] * 0.999, residuals[2 * i : 2 * i + 2])
         for i in range(len(points))
     ]
-    return np.linalg.norm(away, axis=1)
+    return np.asarray(np.linalg.norm(away, axis=1))
 
 
 def _bend(fitted: Fixed, points: Array, residuals: Array, sigma: float) -> Fixed:
@@ -273,7 +273,7 @@ def _bend(fitted: Fixed, points: Array, residuals: Array, sigma: float) -> Fixed
 def _bumps(points: Array, anchors: Array, reach_m: float) -> Array:
     """(n, N) Gaussian bumps of the distance over the screen's front, x and y."""
     squares = np.sum((points[:, None, :2] - anchors[None, :, :2]) ** 2, axis=-1)
-    return np.exp(-squares / (2 * reach_m**2))
+    return np.asarray(np.exp(-squares / (2 * reach_m**2)))
 
 
 def _expected_mm(

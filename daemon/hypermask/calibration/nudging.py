@@ -83,7 +83,7 @@ class Nudging:
         if self.phase is Phase.REVIEW and self.outcome is not None:
             assert isinstance(self.outcome.calibration, Fixed)
             return self.outcome.calibration.project(self.points)
-        return self.pixels[np.isfinite(self.pixels).all(axis=1)]
+        return np.asarray(self.pixels[np.isfinite(self.pixels).all(axis=1)])
 
     def snapshot(self) -> dict[str, Any]:
         """Everything done so far, as a table for `storage.save_progress`."""

@@ -34,8 +34,10 @@ from hypermask.tracking.tracker import Tracker, TrackerSettings, TrackResult
 from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.alignment import AlignmentSettings, PhaseAligner
 from hypermask.workers.board import Board
+from hypermask.workers.calibration_watch import CalibrationWatch
 from hypermask.workers.cast import DOTS, Cast
 from hypermask.workers.dresser import Dresser
+from hypermask.workers.modes import Modes
 from hypermask.workers.pantilt import PERIOD_S as NECK_PERIOD_S
 from hypermask.workers.pantilt import PanTiltWorker
 from hypermask.workers.retry import Kept
@@ -83,8 +85,10 @@ class LockStep:
         casting: Casting,
         board: Board | None = None,
         models: MotionParameters | None = None,
+        modes: Callable[[Board], Modes] | None = None,
     ) -> None:
-        """models: of the performer's motion, instead of those that came with the program."""
+        """models: of the performer's motion, instead of those that came with the program. modes:
+        what the keypad may be lent to; a calibration that is stored then is taken over."""
         self.cart = cart
         self._models = models
         self._folder = tempfile.TemporaryDirectory(prefix="hypermask-") if board is None else None
@@ -104,12 +108,14 @@ class LockStep:
             cart.sound, self.board, clock, journal, VoiceSettings(mode=scenario.voice.mode)
         )
         engine = ShowEngine(casting.show, clock.now())
-        self.show = ShowWorker(cart.keypad, engine, self.board, clock, journal)
+        offered = modes(self.board) if modes is not None else None
+        self.show = ShowWorker(cart.keypad, engine, self.board, clock, journal, modes=offered)
         # In real time the dresser is another process.
         self._guests = _guests(cart, self.board) if board is None else None
         self.projector = Kept(cart.projector, "projector", clock, journal)
         self._await_projector()
         self._build_stage(casting, calibration)
+        self._watch = None if modes is None else CalibrationWatch(self.stage.take_over, journal)
         self._shown: list[Image] = []
 
     def _tracker(self) -> TrackerWorker:
@@ -271,6 +277,8 @@ class LockStep:
             self.wings.work(clock.now(), math.inf)
         while self.show.step():
             pass
+        if self._watch is not None:
+            self._watch.step(clock.now())
 
     def _track_until(self, tracker: TrackerWorker, last_s: float) -> None:
         camera = self.cart.camera

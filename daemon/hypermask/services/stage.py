@@ -12,18 +12,17 @@ os.environ.setdefault("LP_NUM_THREADS", "0")
 import moderngl
 
 from hypermask.calibration import storage
-from hypermask.calibration.parameters import ProCam
-from hypermask.calibration.planar import Planar
+from hypermask.calibration.fixed import Fixed
 from hypermask.errors import DataError, HypermaskError
 from hypermask.services.loop import Loop, Quiet
 from hypermask.services.playbill import playable_show
-from hypermask.services.rig import Rig, nominal_projector
+from hypermask.services.rig import Rig, nominal_projector, nominal_screen
 from hypermask.stage.pacing import Pacer
-from hypermask.stage.renderer import StageRenderer
+from hypermask.workers.calibration_watch import Calibration, CalibrationWatch
 from hypermask.workers.cast import Cast
 from hypermask.workers.flipping import Flipper
 from hypermask.workers.retry import Kept
-from hypermask.workers.stage import StageWorker, TrackReader, mapping_for
+from hypermask.workers.stage import StageWorker, mapping_for, reader_for, renderer_for
 from hypermask.workers.wings import Wings
 from hypermask_drivers.device import DeviceState
 from hypermask_drivers.projector import Projector
@@ -47,6 +46,8 @@ class StageLoop:
         self._context: moderngl.Context | None = None
         self._flipper: Flipper | None = None
         self._wings: Wings | None = None
+        self._watch: CalibrationWatch | None = None
+        self._stage: StageWorker | None = None
         self._tries = 0
 
     def begin(self) -> None:
@@ -77,6 +78,8 @@ class StageLoop:
         self._health.worked(shown.shown_s - shown.planned_s, shown.missed)
         if shown.next_s is not None:
             self._wings.work(self._clock.now(), self._flipper.spare_s(shown.next_s))
+        if self._watch is not None:
+            self._watch.step(self._clock.now())
         return True
 
     def _set_up(self) -> None:
@@ -84,12 +87,15 @@ class StageLoop:
         rig, device = self._rig, self._device
         mode, settings = device.mode, rig.machine.stage
         size = (mode.width, mode.height)
-        renderer = StageRenderer(device.context, size, rig.mask, settings)
+        # First the watch: what is stored from now on is taken over.
+        self._watch = CalibrationWatch(self._take_over, rig.report)
+        calibration = self._calibration(size)
+        renderer = renderer_for(calibration, device.context, size, rig.mask, settings)
         show = playable_show(rig.machine.show, rig.report, rig.clock.now())
         cast = Cast({name: name for name in show.characters}, rig.mask, renderer)
-        reader = TrackReader(rig.board, rig.machine.tracking.prediction)
-        mapping = mapping_for(self._calibration(), rig.mask, reader)
-        stage = StageWorker(
+        reader = reader_for(calibration, rig.board, rig.machine.tracking.prediction)
+        mapping = mapping_for(calibration, rig.mask, reader)
+        stage = self._stage = StageWorker(
             renderer,
             cast,
             mapping,
@@ -105,17 +111,34 @@ class StageLoop:
         self._wings = Wings(cast, rig.board, rig.report)
         self._context = device.context
 
-    def _calibration(self) -> ProCam | Planar:
+    def _take_over(self, calibration: Calibration) -> bool:
+        return self._stage is not None and self._stage.take_over(calibration)
+
+    def _nominal(self) -> Calibration:
+        machine = self._rig.machine
+        if machine.mapping != "fixed":
+            return nominal_projector(machine)
+        return nominal_screen(machine)
+
+    def _calibration(self, size: tuple[int, int]) -> Calibration:
         """The stored one, or the machine's nominal optics, and CAL-NONE is said."""
         now_s = self._clock.now()
         try:
             stored, warning = storage.load_current()
         except DataError as error:
             self._rig.report(now_s, error.code, f"{error} The nominal optics are used.")
-            return nominal_projector(self._rig.machine)
+            return self._nominal()
         if warning is not None:
             self._rig.report(now_s, warning.partition(":")[0], warning)
-        return stored.calibration
+        calibration = stored.calibration
+        fixed = self._rig.machine.mapping == "fixed"
+        if isinstance(calibration, Fixed) != fixed or (
+            isinstance(calibration, Fixed) and calibration.lens.size != size
+        ):
+            text = f"CAL-CART: {stored.name} ({stored.method}) is of another kind of machine."
+            self._rig.report(now_s, "CAL-CART", f"{text} The nominal optics are used.")
+            return self._nominal()
+        return calibration
 
     def status(self) -> str:
         ready = self._device.state is DeviceState.READY

@@ -55,6 +55,7 @@ class StageRenderer:
     ) -> None:
         self._context = context
         self._size = size
+        self.mask = mask
         self._settings = settings or StageSettings()
         self._actors: dict[str, GpuActor] = {}
         self._stock = TextureStock(context)
@@ -77,6 +78,15 @@ class StageRenderer:
             self._set_outline(program, mask)
         for program in self._programs[SINGLE:]:
             uniform(program, "other").value = 1
+
+    @property
+    def context(self) -> moderngl.Context:
+        return self._context
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """(width, height) in pixels of the framebuffers to draw in."""
+        return self._size
 
     def load(self, key: str, actor: Actor) -> None:
         """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time."""

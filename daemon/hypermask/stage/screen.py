@@ -103,6 +103,10 @@ class ScreenRenderer(StageRenderer):
         uniform(self._lens_program, "flat_picture").value = 0
         self.bend(calibration)
 
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        return self._projector_size
+
     def bend(self, calibration: FixedCalibration) -> None:
         """Draw through another calibration from the next frame on; takes about a millisecond."""
         width, height = self._projector_size

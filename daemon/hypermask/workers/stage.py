@@ -30,6 +30,9 @@ from hypermask.stage.mapping import (
     ProCamCalibration,
     ProCamMapping,
 )
+from hypermask.stage.marks import cross_of, marks_of
+from hypermask.stage.marks import lit as overlay_lit
+from hypermask.stage.overlay import Cross, Overlay
 from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.scene import MaskFade, live_mouth
 from hypermask.stage.screen import ScreenMapping, ScreenRenderer
@@ -40,6 +43,7 @@ from hypermask.tracking.paper import predict_points
 from hypermask.workers.board import KEPT, PACE, Board
 from hypermask.workers.cast import Cast
 
+_FAINT = (0.3, 0.3, 0.3)
 _AROUSAL_S = 0.4
 """In about this time an expression follows the voice's arousal."""
 FURTHEST_S = 0.15
@@ -50,7 +54,7 @@ FURTHEST_S = 0.15
 class Picture:
     """What one frame shows. matrix: (3, 4) projector_from_mask, or None for black;
     measured_s: mid-exposure of the newest measurement that the prediction used; heard_s: the
-    moment of the sound that shaped the mouth."""
+    moment of the sound that shaped the mouth; overlay: drawn in place of the face."""
 
     light_s: float
     matrix: Array | None
@@ -58,6 +62,7 @@ class Picture:
     brightness: float
     measured_s: float | None
     heard_s: float | None = None
+    overlay: Record | None = None
 
     @property
     def mouth_lag_s(self) -> float | None:
@@ -173,6 +178,7 @@ class StageWorker:
         self._lip_sync_s = -np.inf
         self._arousal_now, self._aroused_s = USUAL_AROUSAL, 0.0
         self._mapping, self._reader, self._board = mapping, reader, board
+        self._overlay = Overlay(renderer.context, renderer.frame_size)
         self._fade = MaskFade(settings)
         self._settings = settings
         self._period_s = period_s
@@ -190,6 +196,10 @@ class StageWorker:
         self._reader.refresh()
         scene, seen_s = self._board.scene.latest(), self._reader.seen_s(now_s)
         visible = self._fade.update(now_s, seen_s)
+        overlay = self._board.overlay.latest()
+        if overlay_lit(overlay, now_s):
+            self._latch_s = time.perf_counter() - began
+            return Picture(light_s, None, (), 0.0, None, None, overlay)
         if scene is None or visible <= 0:
             self._latch_s = time.perf_counter() - began
             return Picture(light_s, None, (), 0.0, None)
@@ -244,10 +254,36 @@ class StageWorker:
             self._renderer.draw_black(framebuffer)
         else:
             self._renderer.draw(framebuffer, picture.matrix, picture.items, picture.brightness)
+        if picture.overlay is not None:
+            self._draw_overlay(framebuffer, picture.overlay)
         with framebuffer.ctx:
             framebuffer.ctx.finish()
         if picture.items and counted:
             self.compute_s.append(self._latch_s + time.perf_counter() - began)
+
+    def _draw_overlay(self, framebuffer: moderngl.Framebuffer, overlay: Record) -> None:
+        for x, y in marks_of(overlay):
+            self._overlay.draw_cross(framebuffer, Cross((float(x), float(y)), 6.0, 0.5, _FAINT))
+        cross = cross_of(overlay)
+        if cross is not None:
+            self._overlay.draw_cross(framebuffer, Cross(cross))
+
+    def take_over(self, calibration: object) -> bool:
+        """Draw through another calibration from the next frame on; False where it belongs to
+        another kind of machine."""
+        if isinstance(self._renderer, ScreenRenderer) != isinstance(calibration, Fixed):
+            return False
+        if isinstance(self._renderer, ScreenRenderer):
+            if not isinstance(calibration, Fixed) or calibration.lens.size != self._frame_size:
+                return False
+            self._renderer.bend(calibration)
+            return True
+        self._mapping = mapping_for(calibration, self._renderer.mask, self._reader)
+        return True
+
+    @property
+    def _frame_size(self) -> tuple[int, int]:
+        return self._renderer.frame_size
 
     def announce(self, flip_s: float, latch_lead_s: float) -> None:
         """Publish the pace, by which the tracker puts the camera's frames just before the latch."""
