@@ -23,8 +23,9 @@ from hypermask.stage.layers import relief_mesh
 from hypermask.stage.renderer import DrawItem, StageRenderer, uniform
 from hypermask.stage.settings import StageSettings
 
-PICTURE_PX_PER_M = 4000
-MESH_M = 0.0025
+PICTURE_PX_PER_M = 3000
+"""As fine as a projector of 1280 x 800 pixels lights the screen's middle."""
+MESH_M = 0.004
 _DIM_QUANTILE = 0.1
 """Where even light is asked for, this part of the screen keeps all the light it gets."""
 
@@ -147,10 +148,7 @@ class ScreenRenderer(StageRenderer):
 
     def draw_black(self, framebuffer: moderngl.Framebuffer) -> None:
         with self._context:
-            self._clear(framebuffer)
-            whole = (0, 0, *self._projector_size)
-            framebuffer.viewport = framebuffer.scissor = whole
-            framebuffer.clear(0.0, 0.0, 0.0, 1.0)
+            self._clear(framebuffer, self._projector_size)
 
     def release(self) -> None:
         super().release()
