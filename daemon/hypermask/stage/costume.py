@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -60,6 +59,8 @@ def make_costume(
 def levels_of(rgba: NDArray[np.uint8], projector_gamma: float) -> Levels:
     """(H, W, 4) straight alpha -> premultiplied, corrected for the projector's gamma, halved
     again and again as OpenGL ES wants mipmaps."""
+    import cv2
+
     curve = np.round(255 * (np.arange(256) / 255) ** (TEXTURE_GAMMA / projector_gamma))
     alpha = rgba[..., 3:]
     colour = curve.astype(np.uint8)[rgba[..., :3]]
@@ -75,6 +76,8 @@ def levels_of(rgba: NDArray[np.uint8], projector_gamma: float) -> Levels:
 
 def mean_light(layer: MeshLayer) -> float:
     """Mean light, 0..1, of the part of a layer's texture that its triangles show."""
+    import cv2
+
     size = (_SMALL, _SMALL)
     small = cv2.resize(layer.texture, size, interpolation=cv2.INTER_AREA)
     shown = _shown(layer.uv.tobytes(), layer.triangles.tobytes())
@@ -97,6 +100,8 @@ _lasting: dict[int, tuple[MeshLayer, float]] = {}
 @functools.lru_cache(maxsize=16)
 def _shown(uv: bytes, triangles: bytes) -> NDArray[np.bool_]:
     """Which texels of a small texture the triangles cover."""
+    import cv2
+
     covered = np.zeros((_SMALL, _SMALL), np.uint8)
     places = np.frombuffer(uv, np.float32).reshape(-1, 2)
     corners = places[np.frombuffer(triangles, np.int32).reshape(-1, 3)]

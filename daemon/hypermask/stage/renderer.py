@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hypermask.errors import DataError
-from hypermask.mask import Mask
 from hypermask.stage import shaders
 from hypermask.stage.clip import View, view_of
 from hypermask.stage.costume import Costume, make_costume
-from hypermask.stage.eye_discs import eye_discs
 from hypermask.stage.gpu_actor import SINGLE, GpuActor, GpuMesh
 from hypermask.stage.layers import Actor, Positions
-from hypermask.stage.settings import StageSettings
 from hypermask.stage.textures import TextureStock
+
+if TYPE_CHECKING:
+    from hypermask.mask import Mask
+    from hypermask.stage.settings import StageSettings
 
 _OVER = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
 _DARKEN = (moderngl.ZERO, moderngl.ONE_MINUS_SRC_ALPHA)
@@ -52,16 +54,18 @@ class StageRenderer:
         size: tuple[int, int],
         mask: Mask,
         settings: StageSettings | None = None,
+        discs: NDArray[np.float32] | None = None,
     ) -> None:
+        """discs: what `eye_discs` makes of the mask, where it is known already."""
         self._context = context
         self._size = size
         self.mask = mask
-        self._settings = settings or StageSettings()
+        self._settings = settings or _default_settings()
         self._actors: dict[str, GpuActor] = {}
         self._stock = TextureStock(context)
         self._scratch: moderngl.Framebuffer | None = None
         self._reported = False
-        self._discs = eye_discs(mask, self._settings)
+        self.discs = _eye_discs(mask, self._settings) if discs is None else discs
         with context:
             self._programs = (
                 context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_FRAGMENT),
@@ -162,8 +166,8 @@ class StageRenderer:
             if not visible:
                 return
             parts = [part for item in visible for part in item.positions]
-            if len(self._discs):
-                parts.append(self._discs[:, :3])
+            if len(self.discs):
+                parts.append(self.discs[:, :3])
             try:
                 lights = [brightness, *(item.opacity for item in visible)]
                 if not np.isfinite(lights).all():
@@ -304,12 +308,12 @@ class StageRenderer:
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = _DARKEN
         uniform(self._disc_program, "clip_from_mask").write(matrix)
-        self._disc_array.render(moderngl.TRIANGLES, vertices=len(self._discs))
+        self._disc_array.render(moderngl.TRIANGLES, vertices=len(self.discs))
 
     def _upload_discs(self) -> moderngl.VertexArray | None:
-        if not len(self._discs):
+        if not len(self.discs):
             return None
-        buffer = self._context.buffer(self._discs.tobytes())
+        buffer = self._context.buffer(self.discs.tobytes())
         return self._context.vertex_array(self._disc_program, [(buffer, "4f", "in_vertex")])
 
     def _scratch_framebuffer(self) -> moderngl.Framebuffer:
@@ -332,3 +336,16 @@ def uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
     member = program[name]
     assert isinstance(member, moderngl.Uniform)
     return member
+
+
+def _default_settings() -> StageSettings:
+    """What needs these modules is loaded when it is used: a stage that starts has no time."""
+    from hypermask.stage.settings import StageSettings
+
+    return StageSettings()
+
+
+def _eye_discs(mask: Mask, settings: StageSettings) -> NDArray[np.float32]:
+    from hypermask.stage.eye_discs import eye_discs
+
+    return eye_discs(mask, settings)
