@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import time
 from pathlib import Path
 from typing import Protocol
 
@@ -23,6 +24,8 @@ Record = NDArray[np.void]
 _MAGIC = b"HYPRMASK"
 _HEADER = np.dtype([("magic", "S8"), ("layout", "<u8"), ("sequence", "<u8")])
 _ATTEMPTS = 200
+_PATIENCE, _PAUSE_S = 20, 0.002
+"""Of an onlooker, who has time."""
 
 
 class Topic(Protocol):
@@ -127,7 +130,14 @@ class ReadTopic:
     def latest(self) -> Record | None:
         if self._map is None:
             self._attach()
-        return None if self._map is None else _newest(*self._map)
+        if self._map is None:
+            return None
+        for _ in range(_PATIENCE):
+            found = _newest(*self._map)
+            if found is not None or not self._map[0]["sequence"][0]:
+                return found
+            time.sleep(_PAUSE_S)  # a writer lost its processor in the middle of writing
+        return None
 
 
 def _newest(header: Record, body: Record) -> Record | None:

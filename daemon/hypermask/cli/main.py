@@ -10,7 +10,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import typer
 
-from hypermask.cli import bench, calibrate, config, doctor, face, rehearse, status, stream, voice
+from hypermask.cli import (
+    bench,
+    calibrate,
+    config,
+    control,
+    doctor,
+    face,
+    rehearse,
+    status,
+    stream,
+    voice,
+)
 
 app = typer.Typer(
     name="hypermask",
@@ -23,6 +34,14 @@ app.command("rehearse")(rehearse.rehearse)
 app.command("bench")(bench.bench)
 app.command("doctor")(doctor.doctor)
 app.command("status")(status.status)
+app.command("cue")(control.cue)
+app.command("blackout")(control.blackout)
+app.command("light")(control.light)
+app.command("character")(control.character)
+app.command("head")(control.head)
+app.command("press")(control.press)
+app.command("mode")(control.mode)
+app.command("reload")(control.reload)
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(config.app, name="config")
 app.add_typer(face.app, name="face")

@@ -20,7 +20,15 @@ from hypermask.workers.alarms import Alarms
 from hypermask.workers.background import Action, Background, OneThread
 from hypermask.workers.board import MACHINE, Board
 from hypermask.workers.retry import Kept, Report
-from hypermask.workers.thermal import CAPPED, THROTTLED, UNDER_VOLTAGE, Heat, words_of
+from hypermask.workers.thermal import (
+    CAPPED,
+    COOL_C,
+    HOT_C,
+    THROTTLED,
+    UNDER_VOLTAGE,
+    Heat,
+    words_of,
+)
 from hypermask_drivers import usb
 from hypermask_drivers.clock import Clock
 from hypermask_drivers.device import DeviceState
@@ -33,7 +41,6 @@ USB_LOOK_S = 1.0
 USB_AGAIN_S = 60.0
 """A device that hangs is made to start anew at most this often."""
 STUCK_S = 10.0
-HOT_C, COOL_C = 80.0, 75.0
 TEST_S, TEST_LIGHT = 1.5, 0.3
 HUNG = {"CAM-HUNG": "camera", "PTU-SILENT": "pantilt"}
 """Codes of a device that is there and does not answer, and its kind."""

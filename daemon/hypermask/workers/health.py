@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hypermask.blackboard import Record, SharedTopic
+from hypermask.blackboard import ReadTopic, Record, SharedTopic
 from hypermask.errors import HypermaskError
 from hypermask_drivers.clock import Clock
 
@@ -108,7 +108,7 @@ class Healths:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._topics: dict[str, SharedTopic] = {}
+        self._topics: dict[str, ReadTopic] = {}
 
     def all(self) -> dict[str, Record]:
         """By the worker's name, of those that ever began on this blackboard."""
@@ -116,7 +116,7 @@ class Healths:
             name = path.name.removeprefix(PREFIX)
             if name not in self._topics:
                 try:
-                    self._topics[name] = topic(self._folder, name)
+                    self._topics[name] = ReadTopic(path, HEALTH)
                 except HypermaskError:
                     continue  # another version's: whoever owns it makes it anew
         found = {name: one.latest() for name, one in sorted(self._topics.items())}

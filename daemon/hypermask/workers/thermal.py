@@ -21,6 +21,9 @@ _WORDS = {
 }
 _PAST = 16
 """The same flags that many bits higher: it happened since the start."""
+NOW = (1 << _PAST) - 1
+HOT_C, COOL_C = 80.0, 75.0
+"""From where on it is too hot, and below which it is fine again."""
 _PROCESSOR = ("cpu", "soc", "x86_pkg", "coretemp", "acpitz")
 _CLOCK = ("cpufreq", "processor")
 
@@ -35,7 +38,7 @@ class Heat:
 
     @property
     def now(self) -> int:
-        return self.flags & (1 << _PAST) - 1
+        return self.flags & NOW
 
 
 def words_of(flags: int) -> str:
