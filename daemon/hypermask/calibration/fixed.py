@@ -43,6 +43,11 @@ class Fixed:
     reach_m: float = 0.06
     expected_mm: float = 0.0
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels of the picture."""
+        return self.lens.size
+
     def project(self, points: ArrayLike) -> Array:
         """Pixels (n, 2) that light the screen's points (n, 3) mask metres."""
         places = np.asarray(points, float)

@@ -12,7 +12,6 @@ os.environ.setdefault("LP_NUM_THREADS", "0")
 import moderngl
 
 from hypermask.calibration import storage
-from hypermask.calibration.fixed import Fixed
 from hypermask.errors import DataError, HypermaskError
 from hypermask.services.loop import Loop, Quiet
 from hypermask.services.playbill import playable_show
@@ -22,7 +21,7 @@ from hypermask.workers.calibration_watch import Calibration, CalibrationWatch
 from hypermask.workers.cast import Cast
 from hypermask.workers.flipping import Flipper
 from hypermask.workers.retry import Kept
-from hypermask.workers.stage import StageWorker, mapping_for, reader_for, renderer_for
+from hypermask.workers.stage import StageWorker, is_fixed, mapping_for, reader_for, renderer_for
 from hypermask.workers.wings import Wings
 from hypermask_drivers.device import DeviceState
 from hypermask_drivers.projector import Projector
@@ -132,9 +131,8 @@ class StageLoop:
             self._rig.report(now_s, warning.partition(":")[0], warning)
         calibration = stored.calibration
         fixed = self._rig.machine.mapping == "fixed"
-        if isinstance(calibration, Fixed) != fixed or (
-            isinstance(calibration, Fixed) and calibration.lens.size != size
-        ):
+        sized = getattr(calibration, "size", size) == size
+        if is_fixed(calibration) != fixed or not sized:
             text = f"CAL-CART: {stored.name} ({stored.method}) is of another kind of machine."
             self._rig.report(now_s, "CAL-CART", f"{text} The nominal optics are used.")
             return self._nominal()

@@ -16,6 +16,7 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hypermask.errors import DataError
 from hypermask.geometry import Array
 from hypermask.mask import Mask
 from hypermask.stage import shaders
@@ -31,6 +32,11 @@ _DIM_QUANTILE = 0.1
 
 
 class FixedCalibration(Protocol):
+    @property
+    def size(self) -> tuple[int, int]:
+        """Of the projector's picture (width, height) that it is for."""
+        ...
+
     def project(self, points: ArrayLike, /) -> Array: ...
     def density(self, points: ArrayLike, normals: ArrayLike, /) -> Array: ...
 
@@ -102,15 +108,24 @@ class ScreenRenderer(StageRenderer):
             content = [(self._corners, "2f 2f 1f", "in_ndc", "in_uv", "in_light")]
             self._screen = context.vertex_array(self._lens_program, content, index_buffer=indices)
         uniform(self._lens_program, "flat_picture").value = 0
-        self.bend(calibration)
+        if not self.bend(calibration):
+            raise DataError(
+                "CAL-CART",
+                f"the calibration is for a picture of {calibration.size[0]} x "
+                f"{calibration.size[1]} pixels, the projector's has {size[0]} x {size[1]}",
+                "Correct [optics.projector], then calibrate this head.",
+            )
 
     @property
     def frame_size(self) -> tuple[int, int]:
         return self._projector_size
 
-    def bend(self, calibration: FixedCalibration) -> None:
-        """Draw through another calibration from the next frame on; takes about a millisecond."""
+    def bend(self, calibration: FixedCalibration) -> bool:
+        """Draw through another calibration from the next frame on, which takes some milliseconds;
+        False, and nothing changes, where it is for pictures of another size."""
         width, height = self._projector_size
+        if calibration.size != (width, height):
+            return False
         pixels = calibration.project(self._places)
         ndc = np.column_stack(
             [(pixels[:, 0] + 0.5) / width * 2 - 1, 1 - (pixels[:, 1] + 0.5) / height * 2]
@@ -118,9 +133,10 @@ class ScreenRenderer(StageRenderer):
         light = self._evened(calibration.density(self._places, self._normals))
         corners = np.column_stack([ndc, self._uv, light]).astype(np.float32)
         if not np.isfinite(corners).all():
-            raise ValueError("the calibration gives numbers that are not finite")
+            return False
         with self._context:
             self._corners.write(corners.tobytes())
+        return True
 
     def _evened(self, density: Array) -> Array:
         """(V,) what pixel values are multiplied by, against the light that falls off outwards."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
 
 from hypermask.blackboard import Record
-from hypermask.calibration.fixed import Fixed
 from hypermask.geometry import Array, Pose
 from hypermask.loudspeaker.offset import LipSyncMeter
 from hypermask.loudspeaker.settings import Loudspeaker
@@ -32,16 +32,17 @@ from hypermask.stage.mapping import (
 )
 from hypermask.stage.marks import cross_of, marks_of
 from hypermask.stage.marks import lit as overlay_lit
-from hypermask.stage.overlay import Cross, Overlay
 from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.scene import MaskFade, live_mouth
-from hypermask.stage.screen import ScreenMapping, ScreenRenderer
 from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import predict as predict_motion
 from hypermask.tracking.motion_model import MotionParameters
 from hypermask.tracking.paper import predict_points
 from hypermask.workers.board import KEPT, PACE, Board
 from hypermask.workers.cast import Cast
+
+if TYPE_CHECKING:
+    from hypermask.stage.overlay import Overlay
 
 _FAINT = (0.3, 0.3, 0.3)
 _AROUSAL_S = 0.4
@@ -126,6 +127,12 @@ class ScreenReader(TrackReader):
         return now_s
 
 
+def is_fixed(calibration: object) -> bool:
+    """Whether it is of a screen that is fixed to its projector (`calibration.fixed.Fixed`); told by
+    what it can, as its module is not needed elsewhere and the stage starts first."""
+    return hasattr(calibration, "density")
+
+
 def renderer_for(
     calibration: object,
     context: moderngl.Context,
@@ -134,22 +141,26 @@ def renderer_for(
     settings: StageSettings,
 ) -> StageRenderer:
     """The renderer that belongs to a calibration, for framebuffers of `size` (width, height)."""
-    if isinstance(calibration, Fixed):
-        return ScreenRenderer(context, size, mask, calibration, settings)
+    if is_fixed(calibration):
+        from hypermask.stage.screen import ScreenRenderer
+
+        return ScreenRenderer(context, size, mask, calibration, settings)  # type: ignore[arg-type]
     return StageRenderer(context, size, mask, settings)
 
 
 def reader_for(
     calibration: object, board: Board, prediction: str, models: MotionParameters | None = None
 ) -> TrackReader:
-    reader = ScreenReader if isinstance(calibration, Fixed) else TrackReader
+    reader = ScreenReader if is_fixed(calibration) else TrackReader
     return reader(board, prediction, models)
 
 
 def mapping_for(calibration: object, mask: Mask, reader: TrackReader) -> Mapping:
     """The mapping that belongs to a calibration: planar (paper), projector matrix (default) or
     fixed (Mask-bot)."""
-    if isinstance(calibration, Fixed):
+    if is_fixed(calibration):
+        from hypermask.stage.screen import ScreenMapping
+
         return ScreenMapping(mask)
     if hasattr(calibration, "homography"):
         planar: PlanarCalibration = calibration  # type: ignore[assignment]
@@ -178,7 +189,7 @@ class StageWorker:
         self._lip_sync_s = -np.inf
         self._arousal_now, self._aroused_s = USUAL_AROUSAL, 0.0
         self._mapping, self._reader, self._board = mapping, reader, board
-        self._overlay = Overlay(renderer.context, renderer.frame_size)
+        self._overlay: Overlay | None = None  # made when it is first wanted
         self._fade = MaskFade(settings)
         self._settings = settings
         self._period_s = period_s
@@ -262,6 +273,10 @@ class StageWorker:
             self.compute_s.append(self._latch_s + time.perf_counter() - began)
 
     def _draw_overlay(self, framebuffer: moderngl.Framebuffer, overlay: Record) -> None:
+        from hypermask.stage.overlay import Cross, Overlay
+
+        if self._overlay is None:
+            self._overlay = Overlay(self._renderer.context, self._renderer.frame_size)
         for x, y in marks_of(overlay):
             self._overlay.draw_cross(framebuffer, Cross((float(x), float(y)), 6.0, 0.5, _FAINT))
         cross = cross_of(overlay)
@@ -271,19 +286,13 @@ class StageWorker:
     def take_over(self, calibration: object) -> bool:
         """Draw through another calibration from the next frame on; False where it belongs to
         another kind of machine."""
-        if isinstance(self._renderer, ScreenRenderer) != isinstance(calibration, Fixed):
+        bend = getattr(self._renderer, "bend", None)
+        if is_fixed(calibration) != (bend is not None):
             return False
-        if isinstance(self._renderer, ScreenRenderer):
-            if not isinstance(calibration, Fixed) or calibration.lens.size != self._frame_size:
-                return False
-            self._renderer.bend(calibration)
-            return True
+        if bend is not None:
+            return bool(bend(calibration))
         self._mapping = mapping_for(calibration, self._renderer.mask, self._reader)
         return True
-
-    @property
-    def _frame_size(self) -> tuple[int, int]:
-        return self._renderer.frame_size
 
     def announce(self, flip_s: float, latch_lead_s: float) -> None:
         """Publish the pace, by which the tracker puts the camera's frames just before the latch."""
