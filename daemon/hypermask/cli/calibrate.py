@@ -9,6 +9,9 @@ import typer
 
 from hypermask.cli.output import JsonOption, console, print_json, reports_errors
 
+SETTLED_S = 0.25
+"""In this time a key has done its work."""
+
 app = typer.Typer(help="Make, list and bring back calibrations.", no_args_is_help=True)
 
 
@@ -126,10 +129,16 @@ def calibration_status(as_json: JsonOption = False) -> None:
 
 
 def _mode(request: dict[str, str], as_json: bool) -> None:
-    """Ask the show's mode, and print what it tells the operator now."""
+    """Ask the show's mode, and print what it tells the operator then."""
+    import time
+
     from hypermask.workers.control import ask
 
     answer = ask({"do": "mode", **request})
+    if request["action"] != "cancel":
+        time.sleep(SETTLED_S)
+        answer = ask({"do": "status"})
+        answer = {name: answer.get(name, "") for name in ("mode", "words")}
     if as_json:
         print_json({name: value for name, value in answer.items() if name != "ok"})
     else:

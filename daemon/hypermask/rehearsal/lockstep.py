@@ -20,6 +20,7 @@ from hypermask.calibration.planar import Planar
 from hypermask.face.action_units import COUNT
 from hypermask.loudspeaker.settings import Loudspeaker
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
+from hypermask.rehearsal.head import HeadLog
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import Casting
 from hypermask.rehearsal.visitors import SHELF, Visitors
@@ -103,7 +104,7 @@ class LockStep:
             PanTiltWorker(cart.pantilt, self.board, clock, journal) if scenario.neck else None
         )
         self._head_s = world.origin_s
-        self.turns: list[tuple[float, float, float]] = []  # clock time, pan and tilt of the head
+        self.head_log = HeadLog()
         self.voice = VoiceWorker(
             cart.sound, self.board, clock, journal, VoiceSettings(mode=scenario.voice.mode)
         )
@@ -296,8 +297,9 @@ class LockStep:
         clock, head = self.cart.clock, self.head
         while head is not None and self._head_s <= until_s:
             clock.sleep_until(self._head_s)
-            head.step()
-            self.turns.append((clock.now(), *self.cart.pantilt.place_at(clock.now())))
+            if head.step():
+                place = self.cart.pantilt.place_at(clock.now())
+                self.head_log.take(clock.now(), self.board.neck.latest(), place, head.limits())
             self._head_s += NECK_PERIOD_S
         clock.sleep_until(until_s)
 

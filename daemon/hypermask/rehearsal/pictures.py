@@ -56,7 +56,12 @@ class Pictures:
         if moment:
             self._wanted.pop(0)
             frame, leds = (None, None) if seen is None else (seen[0].image.copy(), seen[1].points)
-            self.moments.append(Moment(now, caption, view, flip.shown.copy(), frame, leds))
+            neck = self._cart.world.neck
+            head = None
+            if neck is not None:
+                pan, tilt = np.degrees(neck(flip.picture.light_s))
+                head = (float(pan), float(tilt))
+            self.moments.append(Moment(now, caption, view, flip.shown.copy(), frame, leds, head))
 
     def close(self) -> None:
         """Finish the film; it appears under its name only when it is whole."""

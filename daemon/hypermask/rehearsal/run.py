@@ -187,6 +187,7 @@ class Rehearsal:
                 "voice": _charged(latency.voice_ms),
             },
             "missed_flips": lockstep.missed_flips,
+            "head": lockstep.head_log.report(origin_s),
             "arrivals": self.arrivals.report(origin_s),
             "calibration": self._calibration(),
             "outages": figures.outages(scenario, measured),
