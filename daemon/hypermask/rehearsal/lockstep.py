@@ -116,8 +116,11 @@ class LockStep:
         self.projector = Kept(cart.projector, "projector", clock, journal)
         self._await_projector()
         self._build_stage(casting, calibration)
-        self._watch = None if modes is None else CalibrationWatch(self.stage.take_over, journal)
+        self._watch = None if modes is None else CalibrationWatch(self._take_over, journal)
         self._shown: list[Image] = []
+
+    def _take_over(self, calibration: ProCam | Planar | Fixed) -> bool:
+        return self.stage.take_over(calibration, self.cart.world.mask)
 
     def _tracker(self) -> TrackerWorker:
         world, motion = self.cart.world, MotionFilter(models=self._models)

@@ -59,7 +59,6 @@ class StageRenderer:
         """discs: what `eye_discs` makes of the mask, where it is known already."""
         self._context = context
         self._size = size
-        self.mask = mask
         self._settings = settings or _default_settings()
         self._actors: dict[str, GpuActor] = {}
         self._stock = TextureStock(context)
@@ -92,10 +91,13 @@ class StageRenderer:
         """(width, height) in pixels of the framebuffers to draw in."""
         return self._size
 
-    def load(self, key: str, actor: Actor) -> None:
-        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time."""
+    def load(self, key: str, actor: Actor, costume: Costume | None = None) -> None:
+        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time.
+
+        costume: of all its layers, where it is made already.
+        """
         with self._context:
-            costume = self.costume(actor)
+            costume = costume or self.costume(actor)
             mesh = GpuMesh(self._context, actor, self._programs)
             loaded = GpuActor(mesh, self._stock, costume)
             for _ in loaded.fill():

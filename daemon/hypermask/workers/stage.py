@@ -182,19 +182,30 @@ class StageWorker:
         period_s: float,
         settings: StageSettings,
         loudspeaker: Loudspeaker | None = None,
+        fade: MaskFade | None = None,
     ) -> None:
-        """loudspeaker: with it, how far mouth and sound lie apart is published each second."""
+        """loudspeaker: with it, how far mouth and sound lie apart is published each second; fade:
+        of the stage that this one takes over from."""
         self._renderer, self._cast = renderer, cast
         self._lip_sync = None if loudspeaker is None else LipSyncMeter(loudspeaker)
         self._lip_sync_s = -np.inf
         self._arousal_now, self._aroused_s = USUAL_AROUSAL, 0.0
         self._mapping, self._reader, self._board = mapping, reader, board
         self._overlay: Overlay | None = None  # made when it is first wanted
-        self._fade = MaskFade(settings)
+        self._fade = fade or MaskFade(settings)
         self._settings = settings
         self._period_s = period_s
         self.compute_s: deque[float] = deque(maxlen=KEPT)
         self._latch_s = 0.0
+        self._alone: tuple[Record, float] | None = None
+
+    def play_alone(self, scene: Record, from_s: float) -> None:
+        """What to show from clock time `from_s` on when no show ever said anything."""
+        self._alone = scene, from_s
+
+    @property
+    def reader(self) -> TrackReader:
+        return self._reader
 
     def load(self, light_s: float) -> int:
         """How many characters the frame of that light is going to show, by all that is known."""
@@ -206,6 +217,8 @@ class StageWorker:
         began = time.perf_counter()
         self._reader.refresh()
         scene, seen_s = self._board.scene.latest(), self._reader.seen_s(now_s)
+        if scene is None and self._alone is not None and now_s >= self._alone[1]:
+            scene = self._alone[0]
         visible = self._fade.update(now_s, seen_s)
         overlay = self._board.overlay.latest()
         if overlay_lit(overlay, now_s):
@@ -283,7 +296,7 @@ class StageWorker:
         if cross is not None:
             self._overlay.draw_cross(framebuffer, Cross(cross))
 
-    def take_over(self, calibration: object) -> bool:
+    def take_over(self, calibration: object, mask: Mask) -> bool:
         """Draw through another calibration from the next frame on; False where it belongs to
         another kind of machine."""
         bend = getattr(self._renderer, "bend", None)
@@ -291,7 +304,7 @@ class StageWorker:
             return False
         if bend is not None:
             return bool(bend(calibration))
-        self._mapping = mapping_for(calibration, self._renderer.mask, self._reader)
+        self._mapping = mapping_for(calibration, mask, self._reader)
         return True
 
     def announce(self, flip_s: float, latch_lead_s: float) -> None:
