@@ -21,6 +21,8 @@ COLUMNS, ROWS = 5, 7
 WITHIN = 0.92
 """Control points stand within the outline scaled by this."""
 LEAST_POINTS = 8
+ROUGHEST_PX = 10.0
+"""About 3 mm an axis: no operator is so far off."""
 OUTLIER = 5.0
 """A control point so many standard deviations from all others was not laid on its mark."""
 BEHIND = np.diag([-1.0, -1.0, 1.0])
@@ -161,6 +163,8 @@ def solve(
         fitted = fit(places[good], seen[good], nominal, sigma_px, prior)
         sigma = _sigma(seen[good] - fitted.project(places[good]), sigma_px)
         # Each one left is judged by all the others, so that one wrong point cannot bend the map.
+        if sigma > ROUGHEST_PX:
+            raise _contradiction(len(places), len(places))
         away = _left_one_out(places[good], seen[good], fitted, sigma)
         worst = int(np.argmax(away))
         if away[worst] <= OUTLIER * max(sigma, sigma_px):
@@ -168,15 +172,19 @@ def solve(
         left_out.append(int(np.flatnonzero(good)[worst]))
         good[left_out[-1]] = False
         if len(left_out) > len(places) // 4:
-            raise DataError(
-                "CAL-CLICKS",
-                f"{len(left_out)} of {len(places)} control points do not agree with the others",
-                "Start again; lay the light of each point on its own mark.",
-            )
+            raise _contradiction(len(left_out), len(places))
     residuals = seen[good] - fitted.project(places[good])
     bent = _bend(fitted, places[good], residuals, sigma)
     expected = _expected_mm(bent, places[good], mask, nominal, sigma, prior or LensPrior())
     return FixedFit(replace(bent, expected_mm=expected), sigma, int(good.sum()), tuple(left_out))
+
+
+def _contradiction(wrong: int, count: int) -> DataError:
+    return DataError(
+        "CAL-CLICKS",
+        f"{wrong} of {count} control points do not agree with the others",
+        "Start again; lay the light of each point on its own mark.",
+    )
 
 
 def fit(
