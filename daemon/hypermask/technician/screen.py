@@ -163,9 +163,12 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def _number(value: float) -> str:
+    """At most five characters."""
     if not math.isfinite(value):
         return "-"
-    return f"{value:.1f}" if abs(value) < 1000 else f"{value:.0f}"
+    if abs(value) < 999.95:
+        return f"{value:.1f}"
+    return f"{value / 1000:.0f}k" if abs(value) < 99500 else ">99k"
 
 
 def _count(value: int) -> str:
