@@ -62,7 +62,14 @@ def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def _event(text: str) -> str:
-    entry = {"wall_s": 1e9, "worker": "show", "priority": 4, "code": "X", "text": text}
+    entry = {
+        "time_s": 1.0,
+        "wall_s": 1e9,
+        "worker": "show",
+        "priority": 4,
+        "code": "X",
+        "text": text,
+    }
     return json.dumps(entry)
 
 
