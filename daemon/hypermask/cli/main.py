@@ -23,6 +23,7 @@ from hypermask.cli import (
     rehearse,
     status,
     stream,
+    update,
     voice,
 )
 
@@ -53,6 +54,7 @@ app.add_typer(device.app, name="device")
 app.add_typer(face.app, name="face")
 app.add_typer(voice.app, name="voice")
 app.add_typer(stream.app, name="stream")
+app.add_typer(update.app, name="update")
 
 
 def _terminated(number: int, frame: object) -> None:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from hypermask.errors import DataError
 from hypermask.stage.layers import MeshLayer
-from hypermask.storage import write_atomically
 
 TEXTURE_GAMMA = 2.2
 VERSION = 1
@@ -112,6 +111,8 @@ def _shown(uv: bytes, triangles: bytes) -> NDArray[np.bool_]:
 
 def write_costume(costume: Costume, path: Path) -> None:
     """Raises `HypermaskError` DISK-WRITE."""
+    from hypermask.storage import write_atomically
+
     sizes = [(number, *levels[0].shape[:2]) for number, levels in costume.textures.items()]
     head = {
         "costume": VERSION,

@@ -55,8 +55,10 @@ class StageRenderer:
         mask: Mask,
         settings: StageSettings | None = None,
         discs: NDArray[np.float32] | None = None,
+        whole: bool = True,
     ) -> None:
-        """discs: what `eye_discs` makes of the mask, where it is known already."""
+        """discs: what `eye_discs` makes of the mask, where it is known already; whole: False where
+        one actor alone is drawn until `complete`, which makes the shaders of cross-fades."""
         self._context = context
         self._size = size
         self._settings = settings or _default_settings()
@@ -66,26 +68,55 @@ class StageRenderer:
         self._reported = False
         self.discs = _eye_discs(mask, self._settings) if discs is None else discs
         with context:
-            self._programs = (
+            self._programs = [
                 context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_FRAGMENT),
                 context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_FRAGMENT),
-                context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_MIX_FRAGMENT),
-                context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_MIX_FRAGMENT),
-            )
+            ]
+            self._composite: moderngl.VertexArray | None = None
             self._disc_program = context.program(shaders.DISC_VERTEX, shaders.DISC_FRAGMENT)
-            self._composite = context.vertex_array(
-                context.program(shaders.COMPOSITE_VERTEX, shaders.COMPOSITE_FRAGMENT), []
-            )
             self._disc_array = self._upload_discs()
         for program in self._programs:
             self._set_outline(program, mask)
-        for program in self._programs[SINGLE:]:
-            uniform(program, "other").value = 1
+        if whole:
+            self.complete(mask)
 
-    def load(self, key: str, actor: Actor) -> None:
-        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time."""
+    def complete(self, mask: Mask) -> None:
+        """The shaders that draw two actors at once, if they are not there yet. Not within a
+        frame's time."""
+        if self._composite is not None:
+            return
+        context = self._context
+        with context:
+            mixing = [
+                context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_MIX_FRAGMENT),
+                context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_MIX_FRAGMENT),
+            ]
+            self._composite = context.vertex_array(
+                context.program(shaders.COMPOSITE_VERTEX, shaders.COMPOSITE_FRAGMENT), []
+            )
+            for mesh in {id(actor.mesh): actor.mesh for actor in self._actors.values()}.values():
+                mesh.serve(mixing)
+        for program in mixing:
+            self._set_outline(program, mask)
+            uniform(program, "other").value = 1
+        self._programs += mixing
+
+    @property
+    def context(self) -> moderngl.Context:
+        return self._context
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """(width, height) in pixels of the framebuffers to draw in."""
+        return self._size
+
+    def load(self, key: str, actor: Actor, costume: Costume | None = None) -> None:
+        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time.
+
+        costume: of all its layers, where it is made already.
+        """
         with self._context:
-            costume = self.costume(actor)
+            costume = costume or self.costume(actor)
             mesh = GpuMesh(self._context, actor, self._programs)
             loaded = GpuActor(mesh, self._stock, costume)
             for _ in loaded.fill():
@@ -207,11 +238,14 @@ class StageRenderer:
                 "The stage stays black until they are; look at the tracking and the calibration.",
             )
 
-    def _clear(self, framebuffer: moderngl.Framebuffer) -> None:
-        framebuffer.scissor = (0, 0, *self._size)
+    def _clear(
+        self, framebuffer: moderngl.Framebuffer, size: tuple[int, int] | None = None
+    ) -> None:
+        whole = (0, 0, *(size or self._size))
+        framebuffer.scissor = whole
         framebuffer.depth_mask = True
         framebuffer.color_mask = True, True, True, True
-        framebuffer.viewport = (0, 0, *self._size)
+        framebuffer.viewport = whole
         framebuffer.use()
         framebuffer.clear(0.0, 0.0, 0.0, 1.0)
         self._context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
@@ -287,6 +321,7 @@ class StageRenderer:
         picture = scratch.color_attachments[0]
         assert isinstance(picture, moderngl.Texture)
         picture.use(0)
+        assert self._composite is not None
         self._composite.render(moderngl.TRIANGLES, vertices=3)
 
     def _draw_discs(self, matrix: bytes) -> None:

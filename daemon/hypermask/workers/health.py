@@ -63,10 +63,17 @@ class Health:
         self.record["pid"], self.record["started_s"] = os.getpid(), clock.now()
         self.record["state"] = b"starting"
 
-    def worked(self, latency_s: float | None = None, missed: int = 0, steps: int = 1) -> None:
-        """Work was done; latency_s: how long it took, or how late it was."""
+    def worked(
+        self,
+        latency_s: float | None = None,
+        missed: int = 0,
+        steps: int = 1,
+        first: bool = True,
+    ) -> None:
+        """Work was done; latency_s: how long it took, or how late it was; first: whether it may
+        count as the first of its kind."""
         record, now_s = self.record, self._clock.now()
-        if not record["steps"]:
+        if first and not record["first_s"]:
             record["first_s"] = now_s
         record["work_s"] = now_s
         record["steps"] += steps
