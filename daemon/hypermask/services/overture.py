@@ -102,7 +102,7 @@ class Overture:
         settings: StageSettings = SimpleNamespace(**table["stage"])  # type: ignore[assignment]
         size = (mode.width, mode.height)
         discs: Any = self._arrays["discs"]
-        renderer = StageRenderer(self.device.context, size, mask, settings, discs)
+        renderer = StageRenderer(self.device.context, size, mask, settings, discs, whole=False)
         renderer.load(MODEL, self._actor(), _costume(table["model"]))
         name = self._wanted()
         for _ in renderer.dress(name, MODEL, _costume(table["cast"][name])):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import signal
 import sys
 import time
@@ -143,6 +144,7 @@ def _set_up(
         messages.tell("SVC-RIGHTS", "no right to real-time priority; timing may suffer")
     loop.begin()
     yield
+    gc.enable()
     freeze_garbage()
     return Service(loop, health, at_once=name == "dresser")
 

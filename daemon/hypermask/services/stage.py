@@ -125,6 +125,8 @@ class StageLoop:
             if overture is not None
             else renderer_for(calibration, device.context, size, mask, settings)
         )
+        renderer.complete(mask)
+        yield
         cast, store = Cast({}, mask, renderer), Costumes(settings.projector_gamma)
         first, face = self._first_face(show)
         yield

@@ -1,12 +1,19 @@
-"""Loading the GPU's driver beside everything else that a stage loads."""
+"""The very beginning of a stage: before others, the GPU's driver beside everything else."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
 import threading
 
 _PLATFORM_SURFACELESS = 0x31DD
+
+
+def go_first() -> None:
+    """The mask is dark until the stage is there: it loads before all that is not real-time too."""
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
 
 
 def warm_up_graphics() -> threading.Thread:

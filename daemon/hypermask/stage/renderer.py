@@ -55,8 +55,10 @@ class StageRenderer:
         mask: Mask,
         settings: StageSettings | None = None,
         discs: NDArray[np.float32] | None = None,
+        whole: bool = True,
     ) -> None:
-        """discs: what `eye_discs` makes of the mask, where it is known already."""
+        """discs: what `eye_discs` makes of the mask, where it is known already; whole: False where
+        one actor alone is drawn until `complete`, which makes the shaders of cross-fades."""
         self._context = context
         self._size = size
         self._settings = settings or _default_settings()
@@ -66,21 +68,38 @@ class StageRenderer:
         self._reported = False
         self.discs = _eye_discs(mask, self._settings) if discs is None else discs
         with context:
-            self._programs = (
+            self._programs = [
                 context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_FRAGMENT),
                 context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_FRAGMENT),
-                context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_MIX_FRAGMENT),
-                context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_MIX_FRAGMENT),
-            )
+            ]
+            self._composite: moderngl.VertexArray | None = None
             self._disc_program = context.program(shaders.DISC_VERTEX, shaders.DISC_FRAGMENT)
-            self._composite = context.vertex_array(
-                context.program(shaders.COMPOSITE_VERTEX, shaders.COMPOSITE_FRAGMENT), []
-            )
             self._disc_array = self._upload_discs()
         for program in self._programs:
             self._set_outline(program, mask)
-        for program in self._programs[SINGLE:]:
+        if whole:
+            self.complete(mask)
+
+    def complete(self, mask: Mask) -> None:
+        """The shaders that draw two actors at once, if they are not there yet. Not within a
+        frame's time."""
+        if self._composite is not None:
+            return
+        context = self._context
+        with context:
+            mixing = [
+                context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_MIX_FRAGMENT),
+                context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_MIX_FRAGMENT),
+            ]
+            self._composite = context.vertex_array(
+                context.program(shaders.COMPOSITE_VERTEX, shaders.COMPOSITE_FRAGMENT), []
+            )
+            for mesh in {id(actor.mesh): actor.mesh for actor in self._actors.values()}.values():
+                mesh.serve(mixing)
+        for program in mixing:
+            self._set_outline(program, mask)
             uniform(program, "other").value = 1
+        self._programs += mixing
 
     @property
     def context(self) -> moderngl.Context:
@@ -302,6 +321,7 @@ class StageRenderer:
         picture = scratch.color_attachments[0]
         assert isinstance(picture, moderngl.Texture)
         picture.use(0)
+        assert self._composite is not None
         self._composite.render(moderngl.TRIANGLES, vertices=3)
 
     def _draw_discs(self, matrix: bytes) -> None:

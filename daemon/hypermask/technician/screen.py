@@ -38,16 +38,28 @@ class Screen:
     def fine(self) -> bool:
         return all(line.fine for line in self.lines) and all(one.fine for one in self.crew)
 
+    @property
+    def headline(self) -> str:
+        """How it is, in a few words."""
+        bad = [one.name for one in self.crew if not one.fine]
+        bad += [line.name for line in self.lines if not line.fine and line.name not in bad]
+        if self.crew and all(one.state == "stopped" for one in self.crew):
+            return "The show is stopped."
+        if not bad:
+            return "All is well."
+        return f"Not well: {', '.join(bad)}."[:WIDTH]
+
     def as_data(self) -> dict[str, Any]:
         return {
             "fine": self.fine,
+            "headline": self.headline,
             "workers": {one.name: _member_data(one) for one in self.crew},
             "lines": {line.name: line.as_data() for line in self.lines},
         }
 
     def rows(self) -> list[str]:
         """Plain text, no row wider than `WIDTH`."""
-        rows = [*_table(self.crew), ""] if self.crew else []
+        rows = [self.headline, "", *_table(self.crew), ""] if self.crew else []
         for line in self.lines:
             rows += _wrapped("ok" if line.fine else "!!", line.name, line.text)
         return rows
@@ -59,9 +71,8 @@ def survey(folder: Path, window_s: float = WINDOW_S) -> Screen:
     before = healths.all()
     if before:
         time.sleep(window_s)
-    now_s = time.monotonic()
     settings, configuration = _configuration()
-    after = healths.all()
+    after, now_s = healths.all(), time.monotonic()
     return Screen(
         look(folder, now_s),
         tuple(one for one in crew(after, now_s, settings, before) if one.name != "safe")

@@ -14,6 +14,7 @@ from hypermask.show.scene import SCENE
 from hypermask.stage.marks import OVERLAY
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
+from hypermask.workers.lesson_record import LESSON, LESSON_RESULT
 
 KEPT = 200_000
 """How many of its latest figures a worker remembers, so that a long night does not fill memory."""
@@ -93,6 +94,8 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
     "words": WORDS,
     "machine": MACHINE,
     "overlay": OVERLAY,
+    "lesson": LESSON,
+    "lesson_result": LESSON_RESULT,
 }
 """Every topic by its name, which is its file's and its field's in `Board` too."""
 
@@ -101,7 +104,8 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
 class Board:
     """track: by the tracker; mouth: by the voice; scene, neck, words, machine and overlay: by the
     show; pace, curtain and lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in
-    the folder; head: by the pan-tilt worker."""
+    the folder; head: by the pan-tilt worker; lesson: by whoever teaches the voice, lesson_result:
+    by the voice."""
 
     track: Topic
     mouth: Topic
@@ -115,6 +119,8 @@ class Board:
     words: Topic
     machine: Topic
     overlay: Topic
+    lesson: Topic
+    lesson_result: Topic
     folder: Path | None = None
 
     @staticmethod
