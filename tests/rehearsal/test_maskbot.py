@@ -25,7 +25,7 @@ from hypermask_sim.world import World
 
 
 def maskbot(*more: str) -> Scenario:
-    return scenario("maskbot", "character=dots", "projector.rate_hz=20", *more)
+    return scenario("maskbot", "character=dots", "projector.rate_hz=10", *more)
 
 
 def report(of: Scenario, exact: bool = True) -> dict[str, Any]:
@@ -34,14 +34,14 @@ def report(of: Scenario, exact: bool = True) -> dict[str, Any]:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_after_the_operators_nudges_the_picture_is_within_half_a_millimetre(seed: int) -> None:
-    found = report(maskbot("duration_s=0.3", "performer.keys=[]", f"seed={seed}"), exact=False)
+    found = report(maskbot("duration_s=0.4", "performer.keys=[]", f"seed={seed}"), exact=False)
     assert found["registration_mm"]["rms"] <= 0.5
     assert found["registration_mm"]["max"] <= 1.2
     assert found["calibration"]["kind"] == "fixed"
 
 
 def test_the_builders_figures_alone_would_be_millimetres_off() -> None:
-    of = maskbot("duration_s=0.2", "performer.keys=[]")
+    of = maskbot("duration_s=0.4", "performer.keys=[]")
     from hypermask.rehearsal.cart import nominal_screen as by_scenario
 
     found = play(of, None, False, True, by_scenario(World(of)))
@@ -72,7 +72,11 @@ def test_a_cue_turns_the_head(gestures: dict[str, Any]) -> None:
     assert look["off_deg"] <= 0.2
     # Each order is heard at the worker's next turn after the cue.
     assert 0.9 <= look["time_s"] <= 1.0
-    assert gestures["head"]["pan_deg"][1] == pytest.approx(28.0, abs=0.5)
+    path = gestures["head"]["path"]
+    looking = [
+        pan for time_s, pan in zip(path["time_s"], path["pan_deg"], strict=True) if time_s < 3
+    ]
+    assert max(looking) == pytest.approx(28.0, abs=0.5)
 
 
 def test_it_nods_and_shakes(gestures: dict[str, Any]) -> None:
@@ -96,7 +100,7 @@ def test_the_head_keeps_to_its_orders_in_time(gestures: dict[str, Any]) -> None:
 def test_a_head_whose_unit_vanishes_stays_where_it_is_and_the_face_goes_on() -> None:
     fault = 'faults=[{kind="pantilt_lost", from_s=0.5, to_s=1.0}]'
     keys = 'performer.keys=[[0.3, "7"]]'
-    found = report(maskbot("duration_s=1.8", keys, fault))
+    found = report(maskbot("duration_s=2.8", keys, fault))
     codes = [event["code"] for event in found["events"]]
     assert codes.count("PTU-LOST") == 1
     assert codes.count("PANTILT-BACK") == 1
