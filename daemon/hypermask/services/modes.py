@@ -10,12 +10,16 @@ from collections.abc import Callable
 from hypermask.calibration.outcome import Cart
 from hypermask.services.rig import Rig, nominal_projector, nominal_screen
 from hypermask.workers.calibration_mode import Subject, calibration_modes
+from hypermask.workers.lesson import VoiceLesson
 from hypermask.workers.modes import Mode
 
 
 def modes_of(rig: Rig) -> dict[str, Callable[[], Mode]]:
     """Called once; each mode is made anew whenever it is begun."""
-    return {**calibration_modes(_subject(rig), rig.board, rig.report)}
+    modes = calibration_modes(_subject(rig), rig.board, rig.report)
+    if rig.machine.device("sound") is None:
+        return modes
+    return modes | {VoiceLesson.name: lambda: VoiceLesson(rig.board)}
 
 
 def _subject(rig: Rig) -> Subject:

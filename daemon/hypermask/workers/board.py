@@ -93,9 +93,9 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
     "head": HEAD,
     "words": WORDS,
     "machine": MACHINE,
-    "overlay": OVERLAY,
     "lesson": LESSON,
     "lesson_result": LESSON_RESULT,
+    "overlay": OVERLAY,
 }
 """Every topic by its name, which is its file's and its field's in `Board` too."""
 
@@ -118,9 +118,9 @@ class Board:
     head: Topic
     words: Topic
     machine: Topic
-    overlay: Topic
     lesson: Topic
     lesson_result: Topic
+    overlay: Topic
     folder: Path | None = None
 
     @staticmethod
