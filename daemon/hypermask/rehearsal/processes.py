@@ -18,6 +18,7 @@ import cv2
 
 from hypermask.errors import HypermaskError
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
+from hypermask.rehearsal.head import HeadLog
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import casting_of
 from hypermask.rehearsal.visitors import SHELF, Visitors
@@ -28,6 +29,8 @@ from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.board import Board
 from hypermask.workers.cast import DOTS
 from hypermask.workers.dresser import Dresser
+from hypermask.workers.pantilt import PERIOD_S as NECK_PERIOD_S
+from hypermask.workers.pantilt import PanTiltWorker
 from hypermask.workers.realtime import be_realtime, die_with_parent, freeze_garbage
 from hypermask.workers.show import ShowWorker
 from hypermask.workers.tracker import TrackerWorker
@@ -41,14 +44,16 @@ IDLE_S = 0.002
 ORDERS_EVERY_S = 0.02
 START_TIMEOUT_S = 60.0
 POLL_S = 0.2
-PRIORITIES = {"tracker": 50, "voice": 30, "show": 10}
+PRIORITIES = {"tracker": 50, "voice": 30, "pantilt": 20, "show": 10}
 DRESSER, DRESSER_NICE = "dresser", 10
 """Makes characters during the show: heavy, and in nobody's way."""
 
 
 def crew_of(scenario: Scenario) -> tuple[str, ...]:
-    """The processes beside the stage; test dots need no dresser."""
-    return tuple(PRIORITIES) if scenario.character == DOTS else (*PRIORITIES, DRESSER)
+    """The processes beside the stage; test dots need no dresser, a fixed screen no tracker."""
+    needed = {"tracker": scenario.mapping != "fixed", "pantilt": scenario.neck}
+    crew = tuple(kind for kind in PRIORITIES if needed.get(kind, True))
+    return crew if scenario.character == DOTS else (*crew, DRESSER)
 
 
 @dataclass(frozen=True)
@@ -143,7 +148,13 @@ def run_worker(order: Order) -> None:
     clock = RealClock()
     world = World(order.scenario)
     cart = SimulatedCart(world, clock)
-    build = {"tracker": _tracker, "voice": _voice, "show": _show, DRESSER: _dresser}[order.kind]
+    build = {
+        "tracker": _tracker,
+        "voice": _voice,
+        "pantilt": _pantilt,
+        "show": _show,
+        DRESSER: _dresser,
+    }[order.kind]
     prepare, step, result = build(cart, Board.shared(order.board))
     freeze_garbage()
     granted = _granted(order.kind)
@@ -205,6 +216,26 @@ def _show(cart: SimulatedCart, board: Board) -> Parts:
         worker.append(ShowWorker(cart.keypad, engine, board, cart.clock, cart.journal))
 
     return prepare, lambda timeout_s: worker[0].step(timeout_s), dict
+
+
+def _pantilt(cart: SimulatedCart, board: Board) -> Parts:
+    worker = PanTiltWorker(cart.pantilt, board, cart.clock, cart.journal)
+    log = HeadLog()
+    due_s: list[float] = []
+
+    def step(timeout_s: float) -> bool:
+        clock = cart.clock
+        clock.sleep_until(due_s[0])
+        now_s = clock.now()
+        due_s[0] = max(due_s[0] + NECK_PERIOD_S, now_s)
+        if worker.step():
+            log.take(now_s, board.neck.latest(), cart.pantilt.place_at(now_s), worker.limits())
+        return True
+
+    def prepare() -> None:
+        due_s.append(cart.world.origin_s)
+
+    return prepare, step, lambda: {"head": log.report(cart.world.origin_s)}
 
 
 def _dresser(cart: SimulatedCart, board: Board) -> Parts:
