@@ -116,7 +116,7 @@ def test_the_same_again_gives_the_same_report() -> None:
 
 def test_a_cart_without_a_neck_reports_no_head() -> None:
     found = play(
-        scenario("reference-cart", "duration_s=0.1", "projector.rate_hz=20"), None, False, True
+        scenario("reference-cart", "duration_s=0.1", "calibration.method=exact"), None, False, True
     )
     assert found["head"] is None
 
