@@ -302,7 +302,9 @@ def _report(
             )
     # Without a tracker nothing was tracked; one that died tells nothing.
     seen = rehearsal.lockstep.observer.summary() if rehearsal.lockstep.tracker is None else None
-    tracker = {"tracking": seen, "compute_s": [], "latency_s": []} | told.get("tracker", {})
+    tracker = {"tracking": seen, "compute_s": [], "latency_s": [], "arrival_s": []} | told.get(
+        "tracker", {}
+    )
     voice = {"history": [], "compute_s": []} | told.get("voice", {})
     dresser = {"compute_s": []} | told.get("dresser", {})
     head = {"head": None} | told.get("pantilt", {})
@@ -330,6 +332,7 @@ def _report(
             "dresser": figures.spread(dresser["compute_s"], 1e3),
         },
         "exposure_to_blackboard_ms": figures.spread(tracker["latency_s"], 1e3),
+        "arrival_to_blackboard_ms": figures.spread(tracker["arrival_s"], 1e3),
         "granted": {kind: worker["granted"] for kind, worker in told.items()}
         | {"stage": stage.granted},
     }

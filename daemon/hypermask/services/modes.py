@@ -16,10 +16,10 @@ from hypermask.workers.modes import Mode
 
 def modes_of(rig: Rig) -> dict[str, Callable[[], Mode]]:
     """Called once; each mode is made anew whenever it is begun."""
-    modes = calibration_modes(_subject(rig), rig.board, rig.report)
-    if rig.machine.device("sound") is None:
-        return modes
-    return modes | {VoiceLesson.name: lambda: VoiceLesson(rig.board)}
+    modes = dict(calibration_modes(_subject(rig), rig.board, rig.report))
+    if rig.machine.device("sound") is not None:
+        modes[VoiceLesson.name] = lambda: VoiceLesson(rig.board)
+    return modes
 
 
 def _subject(rig: Rig) -> Subject:
