@@ -246,8 +246,10 @@ def test_nothing_is_recorded_before_a_key_is_pressed() -> None:
     assert lesson.words().startswith("NOW")
 
 
-@pytest.mark.parametrize("key", ["minus", "numlock"])
-@pytest.mark.parametrize("after_s", [0.0, 0.5, 2.0, 4.0, 9.0])
+@pytest.mark.parametrize(
+    ("key", "after_s"),
+    [("minus", 0.0), ("numlock", 0.5), ("minus", 2.0), ("numlock", 4.0), ("minus", 9.0)],
+)
 def test_minus_stops_it_at_any_time_and_changes_nothing(key: str, after_s: float) -> None:
     rehearsal = Rehearsal(lambda asked, before: said("w21", asked))
     lesson = keyed(rehearsal)
