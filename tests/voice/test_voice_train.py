@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from voice_sounds import DATA, needs_data
 
-from hypermask.voice import default_train, paper_train
+from hypermask.voice import default_train, material, paper_train, synthesis
 from hypermask.voice.backprop import train as backpropagate
 from hypermask.voice.evaluate import evaluate_paper
 from hypermask.voice.examples import Examples, examples
@@ -62,6 +62,23 @@ def test_a_small_data_base_serves_a_stranger_better_than_a_random_member():
     strangers = some_vowels({"m06", "w06"})
     assert chosen > 0.5
     assert evaluate_paper(strangers, base)["frame_accuracy"] > 0.5
+
+
+@needs_data
+def test_speakers_who_measure_are_never_those_by_whom_constants_were_chosen():
+    table = DATA / "vowels" / "vowels.csv"
+    vowels = [read_vowel(table, row) for row in read_table(table) if row["vowel"] == "ah"]
+    chosen = material.left_out(vowels, "validation")
+    folds = [material.left_out(vowels, part) for part in "123"]
+    assert len(chosen) == 16
+    assert sum(map(len, folds)) + 16 == 100
+    assert set().union(chosen, *folds) == {vowel.speaker for vowel in vowels}
+
+
+def test_voices_that_measure_are_never_trained_on_nor_chosen_by():
+    taught = {*material.VARIANTS, *synthesis.FLITE_VOICES, *synthesis.FESTIVAL_VOICES}
+    assert set(material.VALIDATION) < taught
+    assert not set(material.UNHEARD) & {*material.VARIANTS, *material.VALIDATION}
 
 
 @pytest.mark.parametrize("tool", [default_train, paper_train])
