@@ -2,7 +2,7 @@
 
 Three kinds of scenes: connected speech of synthesisers, several recorded words or long notes of one
 person, and single recorded words that begin as a recording does, with nothing known of the voice.
-Who is kept for choosing constants and who for measuring is said here too.
+Which voices choose constants and which measure is said here too.
 """
 
 from __future__ import annotations
@@ -41,9 +41,8 @@ VARIANTS = (
 UNHEARD = ("+m7", "+m8", "+f5", "rms", "pc_diphone", "czech_ph")
 """Voices that are never trained on: they measure."""
 VALIDATION = ("+m4", "+f4", "+belinda", "kal_diphone", "kal16", "czech_dita", "suo_fi_lj_diphone")
-"""Voices that the trial leaves out by which the constants of hearing and lips were chosen."""
-FOLDS = 3
-_VALIDATION_SPEAKERS = 4  # of each group
+"""Voices that are not trained on either: the constants of hearing and lips were chosen by them."""
+PARTS = 3
 _ENGLISH = (*FLITE_VOICES, "ked_diphone", "kal_diphone", "cmu_us_slt_arctic_hts")
 _BY_PEOPLE, _BY_FORMANTS = 40, 150  # lines a voice, lines a language
 _SPEECH_SEED = 20
@@ -53,7 +52,7 @@ _SPREAD = (0.85, 1.25)  # of the synthesised voices' pitch
 _OWN_SPREAD = (0.88, 1.14)  # of the recorded ones'
 _IMPORTANCE, _OTHERS = 2.5, 0.4  # of frames of the five vowels, and of the other seven
 _FIVE = 0.6  # of the words drawn
-_WORD_FRAMES = 80
+_WORD_FRAMES, _CROP = 80, 128
 _SPEECH, _LONG, _WORDS = 6000, 1500, 9000  # scenes
 
 
@@ -64,15 +63,13 @@ def all_vowels(folder: Path) -> list[Vowel]:
     return [read_vowel(table, row) for row in track(rows, "Reading recordings")]
 
 
-def left_out(vowels: Sequence[Vowel], part: str) -> set[str]:
-    """Speakers of "validation", four of each group; or of "1", "2" or "3", which together are all
-    others, a third of each group's."""
+def left_out(vowels: Sequence[Vowel], part: int) -> set[str]:
+    """The speakers of part 1, 2 or 3: a third of each group's, and together all of them."""
     chosen: set[str] = set()
     for group in sorted({vowel.group for vowel in vowels}):
         speakers = sorted({vowel.speaker for vowel in vowels if vowel.group == group})
         np.random.default_rng(_SPEECH_SEED).shuffle(speakers)
-        kept, rest = speakers[:_VALIDATION_SPEAKERS], speakers[_VALIDATION_SPEAKERS:]
-        chosen |= set(kept if part == "validation" else rest[int(part) - 1 :: FOLDS])
+        chosen |= set(speakers[part - 1 :: PARTS])
     return chosen
 
 
@@ -87,13 +84,13 @@ def formants(folder: Path) -> dict[tuple[str, str], tuple[float, float, float]]:
         return found
 
 
-def speech(without: Sequence[str] = ()) -> tuple[list[Utterance], list[Utterance]]:
+def speech() -> tuple[list[Utterance], list[Utterance]]:
     """What synthesisers say that model people, and what espeak-ng says; the same each time.
 
     Raises `DataError` VOICE-SYNTH.
     """
     rng = np.random.default_rng(_SPEECH_SEED)
-    silent = {*UNHEARD, *without}
+    silent = {*UNHEARD, *VALIDATION}
     people: list[Utterance] = []
     for voice in track([v for v in FESTIVAL_VOICES if v not in silent], "Festival speaks"):
         people += synthesis.festival(_lines(voice in _ENGLISH, rng), voice)
@@ -137,6 +134,10 @@ def speech_scenes(people: Sequence[Utterance], formant: Sequence[Utterance]) -> 
     return _mixed(mixer, _SPEECH, np.random.default_rng(_SPEECH_SEED), "Mixing speech")
 
 
+def spoken_lesson(spoken: Sequences) -> Lesson:
+    return Lesson(spoken, 48, _CROP)
+
+
 def lessons(
     spoken: Sequences,
     vowels: Sequence[Vowel],
@@ -151,9 +152,9 @@ def lessons(
     several = Mixer([(0.75, _recorded(vowels, 4)), (0.25, _sung(measured))], crowd)
     single = Mixer([(1.0, _recorded(vowels, 1))], crowd, _WORD_FRAMES, single=True)
     return [
-        Lesson(spoken, 48, 160, 1.0),
-        Lesson(_mixed(several, _LONG, rng, "Mixing words"), 16, 160, 0.3),
-        Lesson(_mixed(single, _WORDS, rng, "Mixing single words"), 96, _WORD_FRAMES, 0.6),
+        Lesson(spoken, 32, _CROP, 1.0),
+        Lesson(_mixed(several, _LONG, rng, "Mixing words"), 8, _CROP, 0.3),
+        Lesson(_mixed(single, _WORDS, rng, "Mixing single words"), 64, _WORD_FRAMES, 0.6),
     ]
 
 

@@ -73,13 +73,18 @@ def train(
     rng: np.random.Generator,
     rate: float = 3e-3,
     progress: Callable[[float], None] = lambda loss: None,
+    start: Recurrent | None = None,
 ) -> Recurrent:
     """Each of the `iterations` takes one batch of every lesson; `progress` gets their loss.
 
+    start: a network to go on from.
     The rate rises over the first `_WARM` iterations and falls along a cosine (Loshchilov and
     Hutter 2017).
     """
-    weights = initial(lessons[0].sequences.features, rng)
+    if start is None:
+        weights = initial(lessons[0].sequences.features, rng)
+    else:
+        weights = {name: weight.copy() for name, weight in vars(start).items()}
     step = _Adam({k: v for k, v in weights.items() if not k.startswith("input_")})
     sources = [(lesson.share, lesson.batches(rng)) for lesson in lessons]
     for number in range(iterations):
