@@ -196,7 +196,8 @@ def _unheard() -> list[str]:
         groups = ", ".join(f"{k} {v:.1%}" for k, v in run["groups"].items())
         lines.append(
             f"Trained without {run['speakers']} speakers (seed {run['seed']}) and asked about "
-            f"them: {run['frame_accuracy']:.1%} ({groups}); 10 dB pink noise "
+            f"them: {run['frame_accuracy']:.1%} ({groups}), with all frames to the edges of the "
+            f"nucleus {run['to_the_edges']:.1%}; 10 dB pink noise "
             f"{run['pink_10_db']:.1%}; calibrated {run['calibrated']:.1%}."
         )
     return lines

@@ -66,17 +66,23 @@ def taught(
         return train(lessons, iterations, rng, rate, progress, start)
 
 
-def judged(network: Recurrent, unheard: Sequence[Vowel], seed: int) -> dict[str, Any]:
+def judged(
+    network: Recurrent, unheard: Sequence[Vowel], seed: int, iterations: int
+) -> dict[str, Any]:
     """How well speakers are heard whom the network was not trained on."""
     rng = np.random.default_rng(0)
     pink = [in_pink_noise(vowel, 10.0, rng) for vowel in unheard]
     clean, noisy = (evaluate_default(part, network) for part in (unheard, pink))
     return {
         "seed": seed,
+        "iterations": iterations,
         "speakers": clean["speakers"],
         "frame_accuracy": round(clean["frame_accuracy"], 4),
         "groups": {name: round(part, 4) for name, part in clean["groups"].items()},
         "to_the_edges": round(clean["to_the_edges"]["frame_accuracy"], 4),
+        "groups_to_the_edges": {
+            name: round(part, 4) for name, part in clean["to_the_edges"]["groups"].items()
+        },
         "pink_10_db": round(noisy["frame_accuracy"], 4),
         "calibrated": round(evaluate_calibrated(unheard, network)["frame_accuracy"], 4),
     }
@@ -119,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             recurrent.save(network, given.out)
         unheard = _asked([vowel for vowel in vowels if vowel.speaker in out])
         if unheard:
-            run = judged(network, unheard, given.seed)
+            run = judged(network, unheard, given.seed, given.iterations)
             console.print(run)
             if given.report is not None:
                 _note(run, given.report)
