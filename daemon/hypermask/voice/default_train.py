@@ -30,7 +30,7 @@ from hypermask.voice.recurrent import Recurrent
 from hypermask.voice.recurrent_train import Lesson, train
 from hypermask.voice.vowels import Vowel
 
-FIRST, ITERATIONS = 2200, 1500
+FIRST, ITERATIONS = 2200, 1100
 """Of speech alone, which is the same whoever is left out; and then of speech and vowels."""
 _FIRST_RATE, _RATE = 4e-3, 2.5e-3
 _FIRST_SEED = 20
