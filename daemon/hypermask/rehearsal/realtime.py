@@ -172,6 +172,8 @@ class RealTimeStage:
     def _box(self, picture: Picture, width: int, height: int) -> tuple[int, int, int, int] | None:
         if picture.matrix is None:
             return None
+        if self._lockstep.tracker is None:  # a fixed screen: its map is no matrix
+            return (0, 0, width, height)
         outline = self._cart.world.mask.settings.outline
         x, y = outline.half_width_m, outline.half_height_m
         corners = [[a, b, z] for a in (-x, x) for b in (-y, y) for z in (-0.03, 0.05)]
@@ -278,7 +280,9 @@ def _report(
                 "WRK-LOST",
                 f"WRK-LOST: the {kind} process died during the show. Look at its messages.",
             )
-    tracker = {"tracking": None, "compute_s": [], "latency_s": []} | told.get("tracker", {})
+    tracker = {"tracking": None, "compute_s": [], "latency_s": [], "arrival_s": []} | told.get(
+        "tracker", {}
+    )
     voice = {"history": [], "compute_s": []} | told.get("voice", {})
     dresser = {"compute_s": []} | told.get("dresser", {})
     for worker in told.values():
@@ -304,6 +308,7 @@ def _report(
             "dresser": figures.spread(dresser["compute_s"], 1e3),
         },
         "exposure_to_blackboard_ms": figures.spread(tracker["latency_s"], 1e3),
+        "arrival_to_blackboard_ms": figures.spread(tracker["arrival_s"], 1e3),
         "granted": {kind: worker["granted"] for kind, worker in told.items()}
         | {"stage": stage.granted},
     }

@@ -197,7 +197,8 @@ def _turn(vector: Array) -> Array:
     if angle < 1e-9:
         return np.eye(3) + cross
     first, second = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
-    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
+    turned: Array = np.eye(3) + first * cross + second * cross @ cross
+    return turned
 
 
 def dark(device: Projector) -> None:

@@ -134,9 +134,11 @@ def _set_up(
     health = Health(board.folder, name, RealClock()) if overture is None else overture.health
     health.publish(now=True)
     rig = MachineRig(machine, board, messages, health)
-    module: Any = import_module(f"hypermask.services.{name}")
+    builder: Any = import_module(f"hypermask.services.{name}")
     yield
-    loop: Loop = (yield from module.build(rig, overture)) if name == "stage" else module.build(rig)
+    loop: Loop = (
+        (yield from builder.build(rig, overture)) if name == "stage" else builder.build(rig)
+    )
     worker = getattr(machine.workers, name, machine.workers.dresser)
     granted = be_realtime(worker.priority, worker.affinity, worker.lock_memory, worker.nice)
     health.record["granted"] = ", ".join(granted).encode()[:64]
@@ -160,7 +162,7 @@ class Service:
 
         self._loop, self._health, self.at_once = loop, health, at_once
         self._patience_s = patience_s
-        self._number = lambda: number_of(board_folder())
+        self._number: Callable[[], int | None] = lambda: number_of(board_folder())
         self._board = self._number()
 
     def serve(self, notifier: Notifier, messages: Messages) -> int:

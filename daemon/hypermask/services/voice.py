@@ -13,19 +13,20 @@ WAIT_S = 0.1
 IDLE_S = 0.02
 
 
-def build(rig: Rig) -> Loop:
+def build(rig: Rig, calibrated: bool = True) -> Loop:
+    """calibrated: whether this machine's speaker is known to it."""
     sound = rig.device("sound")
     if sound is None:
         return Quiet("no microphone in this machine")
     assert isinstance(sound, SoundIn)
-    return VoiceLoop(rig, sound)
+    return VoiceLoop(rig, sound, calibrated)
 
 
 class VoiceLoop:
-    def __init__(self, rig: Rig, sound: SoundIn) -> None:
+    def __init__(self, rig: Rig, sound: SoundIn, calibrated: bool) -> None:
         self._rig, self._clock, self._health = rig, rig.clock, rig.health
         self._sound = sound
-        who, warning = speaker.load_current()
+        who, warning = speaker.load_current() if calibrated else (None, None)
         if warning is not None:
             rig.report(rig.clock.now(), warning.partition(":")[0], warning)
         self.worker = VoiceWorker(sound, rig.board, rig.clock, rig.report, rig.machine.voice, who)

@@ -38,30 +38,44 @@ class Screen:
     def fine(self) -> bool:
         return all(line.fine for line in self.lines) and all(one.fine for one in self.crew)
 
+    @property
+    def headline(self) -> str:
+        """How it is, in a few words."""
+        bad = [one.name for one in self.crew if not one.fine]
+        bad += [line.name for line in self.lines if not line.fine and line.name not in bad]
+        if self.crew and all(one.state == "stopped" for one in self.crew):
+            return "The show is stopped."
+        if not bad:
+            return "All is well."
+        return f"Not well: {', '.join(bad)}."[:WIDTH]
+
     def as_data(self) -> dict[str, Any]:
         return {
             "fine": self.fine,
+            "headline": self.headline,
             "workers": {one.name: _member_data(one) for one in self.crew},
             "lines": {line.name: line.as_data() for line in self.lines},
         }
 
     def rows(self) -> list[str]:
         """Plain text, no row wider than `WIDTH`."""
-        rows = [*_table(self.crew), ""] if self.crew else []
+        rows = [self.headline, "", *_table(self.crew), ""] if self.crew else []
         for line in self.lines:
             rows += _wrapped("ok" if line.fine else "!!", line.name, line.text)
         return rows
 
 
-def survey(folder: Path, window_s: float = WINDOW_S) -> Screen:
-    """Look at the show whose blackboard is in `folder`. Raises `HypermaskError` BOARD-*."""
+def survey(folder: Path, window_s: float | None = None) -> Screen:
+    """Look at the show whose blackboard is in `folder`; window_s: between the two looks.
+
+    Raises `HypermaskError` BOARD-*.
+    """
     healths = Healths(folder)
     before = healths.all()
     if before:
-        time.sleep(window_s)
-    now_s = time.monotonic()
+        time.sleep(WINDOW_S if window_s is None else window_s)
     settings, configuration = _configuration()
-    after = healths.all()
+    after, now_s = healths.all(), time.monotonic()
     return Screen(
         look(folder, now_s),
         tuple(one for one in crew(after, now_s, settings, before) if one.name != "safe")
@@ -152,9 +166,12 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def _number(value: float) -> str:
+    """At most five characters."""
     if not math.isfinite(value):
         return "-"
-    return f"{value:.1f}" if abs(value) < 1000 else f"{value:.0f}"
+    if abs(value) < 999.95:
+        return f"{value:.1f}"
+    return f"{value / 1000:.0f}k" if abs(value) < 99500 else ">99k"
 
 
 def _count(value: int) -> str:

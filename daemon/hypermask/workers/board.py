@@ -11,8 +11,10 @@ from hypermask.blackboard import LocalTopic, ReadTopic, SharedTopic, Topic
 from hypermask.loudspeaker.offset import LIP_SYNC
 from hypermask.neck.record import HEAD, NECK
 from hypermask.show.scene import SCENE
+from hypermask.stage.marks import OVERLAY
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
+from hypermask.workers.lesson_record import LESSON, LESSON_RESULT
 
 KEPT = 200_000
 """How many of its latest figures a worker remembers, so that a long night does not fill memory."""
@@ -91,15 +93,19 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
     "head": HEAD,
     "words": WORDS,
     "machine": MACHINE,
+    "lesson": LESSON,
+    "lesson_result": LESSON_RESULT,
+    "overlay": OVERLAY,
 }
 """Every topic by its name, which is its file's and its field's in `Board` too."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """track: by the tracker; mouth: by the voice; scene, neck, words and machine: by the show;
-    pace, curtain and lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in the
-    folder; head: by the pan-tilt worker."""
+    """track: by the tracker; mouth: by the voice; scene, neck, words, machine and overlay: by the
+    show; pace, curtain and lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in
+    the folder; head: by the pan-tilt worker; lesson: by whoever teaches the voice, lesson_result:
+    by the voice."""
 
     track: Topic
     mouth: Topic
@@ -112,6 +118,9 @@ class Board:
     head: Topic
     words: Topic
     machine: Topic
+    lesson: Topic
+    lesson_result: Topic
+    overlay: Topic
     folder: Path | None = None
 
     @staticmethod

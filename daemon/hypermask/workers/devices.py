@@ -117,11 +117,20 @@ class SideDevices:
             action = self._next(now_s)
             if action is not None:
                 self._begun_s = now_s
-                self._background.start(action)
+                self._background.start(lambda: self._guarded(action))
             self._alarms.flush()
         if now_s >= self._due["publish"]:
             self._due["publish"] = now_s + 1.0
             self._publish(now_s)
+
+    def _guarded(self, action: Action) -> None:
+        """A fault of a driver must end neither the thread nor the show."""
+        try:
+            action()
+        except Exception as error:
+            text = f"a slow device's driver failed ({type(error).__name__}: {error})"
+            fault = HypermaskError("DEV-FAULT", text, "Send us the bundle (hypermask bundle).")
+            self._alarms.once("fault", fault, self._clock.now())
 
     def pressed(self, key: str, time_s: float) -> None:
         """For the status: which key was last seen."""

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hypermask.blackboard import Record
 from hypermask.loudspeaker.offset import LipSync
 from hypermask.show.scene import brightness_at, characters_at, describe
@@ -19,6 +17,8 @@ from hypermask.workers.thermal import HOT_C, NOW, words_of
 
 STALE_S = 0.5
 """A worker that has written nothing for so long does not work."""
+OLD_S = 10.0
+"""Of the slow devices."""
 
 
 @dataclass(frozen=True)
@@ -158,8 +158,12 @@ def _head(record: Record | None, now_s: float) -> Line | None:
 
 def _machine(record: Record | None, now_s: float) -> list[Line]:
     """The slow devices of the show worker: battery, lamp, heat, keypad."""
-    if record is None or not np.isfinite(record["time_s"]):
+    if record is None:
         return []
+    age_s = now_s - float(record["time_s"])
+    if age_s > OLD_S:
+        text = f"battery, lamp and heat were last read {age_s:.0f} s ago"
+        return [Line("slow", False, text, {"age_s": round(age_s, 3)})]
     lines = [_heat(record), _battery(record), _lamp(record)]
     return [line for line in lines if line is not None]
 
