@@ -128,6 +128,8 @@ def _set_up(
     from hypermask.workers.realtime import be_realtime, freeze_garbage
     from hypermask_drivers.clock import RealClock
 
+    if name == "safe":
+        return _safe(messages)
     machine = load_machine(messages.tell)
     yield
     board = open_board()
@@ -149,6 +151,27 @@ def _set_up(
     gc.enable()
     freeze_garbage()
     return Service(loop, health, worker.watchdog_s, at_once=name == "dresser")
+
+
+def _safe(messages: Messages) -> Service:
+    """The safe state needs no blackboard, and without a configuration it darkens what it finds."""
+    from hypermask.machine.files import load_machine
+    from hypermask.machine.settings import DeviceTable, MachineSettings
+    from hypermask.services import safe
+    from hypermask.services.rig import MachineRig
+    from hypermask.workers.board import Board
+    from hypermask.workers.health import Health
+    from hypermask_drivers.clock import RealClock
+
+    try:
+        machine = load_machine(messages.tell)
+    except ConfigError as error:
+        messages.tell(error.code, f"{error} Every display that is found is darkened.")
+        machine = MachineSettings(version=1, name="safe", projector=DeviceTable(driver="kms"))
+    health = Health(None, "safe", RealClock())
+    loop = safe.build(MachineRig(machine, Board.local(), messages, health))
+    loop.begin()
+    return Service(loop, health)
 
 
 class Service:
@@ -188,7 +211,7 @@ class Service:
                 if messages.last_fault:
                     health.fault(messages.last_fault)
                 health.publish()
-                if now_s - looked_s >= _BOARD_S:
+                if health.kept and now_s - looked_s >= _BOARD_S:
                     looked_s = now_s
                     self._check_board()
         finally:
