@@ -19,6 +19,7 @@ import cv2
 from hypermask.errors import HypermaskError
 from hypermask.machine.settings import MachineSettings, TrackingSettings
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
+from hypermask.rehearsal.head import HeadLog
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import casting_of
 from hypermask.rehearsal.visitors import SHELF, Visitors
@@ -32,19 +33,22 @@ from hypermask.workers.health import Health
 from hypermask.workers.realtime import be_realtime, die_with_parent, freeze_garbage
 from hypermask_drivers.clock import RealClock
 from hypermask_drivers.device import Device
+from hypermask_sim.devices.pantilt import SimPanTilt
 from hypermask_sim.scenario import Scenario
 from hypermask_sim.world import World
 
 START_TIMEOUT_S = 60.0
 POLL_S = 0.2
-ALWAYS = ("tracker", "voice", "show")
+CREW = ("tracker", "voice", "show", "pantilt")
 DRESSER = "dresser"
 """Makes characters during the show: heavy, and in nobody's way."""
 
 
 def crew_of(scenario: Scenario) -> tuple[str, ...]:
-    """The processes beside the stage; test dots need no dresser, a still head no neck."""
-    crew = (*ALWAYS, "pantilt") if scenario.neck else ALWAYS
+    """The processes beside the stage; test dots need no dresser, a still head no neck, a screen
+    that is fixed to its projector no tracker."""
+    needed = {"tracker": scenario.mapping != "fixed", "pantilt": scenario.neck}
+    crew = tuple(kind for kind in CREW if needed.get(kind, True))
     return crew if scenario.character == DOTS else (*crew, DRESSER)
 
 
@@ -222,8 +226,15 @@ def _show(rig: ScenarioRig) -> Part:
 
 
 def _pantilt(rig: ScenarioRig) -> Part:
-    loop = pantilt.PanTiltLoop(rig, rig.cart.pantilt)
-    return Part(loop, lambda: {"compute_s": loop.worker.compute_s})
+    loop = LoggedPanTilt(rig, rig.cart.pantilt)
+
+    def result() -> dict[str, Any]:
+        return {
+            "compute_s": loop.worker.compute_s,
+            "head": loop.log.report(rig.world.origin_s),
+        }
+
+    return Part(loop, result)
 
 
 def _dresser(rig: ScenarioRig) -> Part:
@@ -231,6 +242,23 @@ def _dresser(rig: ScenarioRig) -> Part:
     loop = VisitedDresser(rig, rig.board.folder / SHELF)
     loop.warm_up()
     return Part(loop, lambda: {"compute_s": list(loop.dresser.compute_s)})
+
+
+class LoggedPanTilt(pantilt.PanTiltLoop):
+    """One whose head's way is written down."""
+
+    def __init__(self, rig: ScenarioRig, head: SimPanTilt) -> None:
+        super().__init__(rig, head)
+        self._rig, self._head = rig, head
+        self.log = HeadLog()
+
+    def turn(self) -> bool:
+        worked = super().turn()
+        if self.worker.head.is_ready:
+            now_s = self._rig.clock.now()
+            place, limits = self._head.place_at(now_s), self.worker.limits()
+            self.log.take(now_s, self._rig.board.neck.latest(), place, limits)
+        return worked
 
 
 class VisitedDresser(DresserLoop):

@@ -150,7 +150,7 @@ def _set_up(
     yield
     gc.enable()
     freeze_garbage()
-    return Service(loop, health, at_once=name == "dresser")
+    return Service(loop, health, worker.watchdog_s, at_once=name == "dresser")
 
 
 def _safe(messages: Messages) -> Service:
@@ -176,12 +176,16 @@ def _safe(messages: Messages) -> Service:
 
 
 class Service:
-    """A worker that is ready to work. at_once: it may be ended in the middle of a turn."""
+    """A worker that is ready to work. patience_s: without work for so long it counts as hung, 0 for
+    never. at_once: it may be ended in the middle of a turn."""
 
-    def __init__(self, loop: Loop, health: Health, at_once: bool = False) -> None:
+    def __init__(
+        self, loop: Loop, health: Health, patience_s: float, at_once: bool = False
+    ) -> None:
         from hypermask.services.board import board_folder, number_of
 
         self._loop, self._health, self.at_once = loop, health, at_once
+        self._patience_s = patience_s
         self._number: Callable[[], int | None] = lambda: number_of(board_folder())
         self._board = self._number()
 
@@ -189,6 +193,7 @@ class Service:
         """Turn after turn until SIGTERM; returns the exit code. Raises BOARD-NEW."""
         loop, health = self._loop, self._health
         stop = _Stop(self.at_once)
+        notifier.watch(self._patience_s)
         notifier.send("READY=1", f"STATUS={loop.status()}")
         health.say("working")
         health.publish(now=True)
