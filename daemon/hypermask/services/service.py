@@ -171,6 +171,7 @@ def _safe(messages: Messages) -> Service:
     health = Health(None, "safe", RealClock())
     loop = safe.build(MachineRig(machine, Board.local(), messages, health))
     loop.begin()
+    gc.enable()
     return Service(loop, health)
 
 
