@@ -172,7 +172,7 @@ def _safe(messages: Messages) -> Service:
     loop = safe.build(MachineRig(machine, Board.local(), messages, health))
     loop.begin()
     gc.enable()
-    return Service(loop, health)
+    return Service(loop, health, 0.0)
 
 
 class Service:
