@@ -21,6 +21,9 @@ from hypermask.workers.health import Health, Healths
 from hypermask_drivers.clock import RealClock
 
 
+WATCHDOG_S = 0.2
+
+
 class Work:
     """Turns that advance or not, and end the service after `turns`."""
 
@@ -77,7 +80,7 @@ def lines(end: socket.socket) -> list[str]:
 def served(work: Work, tmp_path: Path) -> int:
     board = Board.shared(tmp_path / "RUN" / "board")
     health = Health(board.folder, "tracker", RealClock())
-    return Service(work, health).serve(Notifier(), Messages("tracker"))
+    return Service(work, health, WATCHDOG_S).serve(Notifier(), Messages("tracker"))
 
 
 def test_work_feeds_the_watchdog(heard: socket.socket, tmp_path: Path) -> None:
