@@ -86,7 +86,8 @@ def served(work: Work, tmp_path: Path) -> int:
 def test_work_feeds_the_watchdog(heard: socket.socket, tmp_path: Path) -> None:
     assert served(Work(True), tmp_path) == service.STOPPED
     told = lines(heard)
-    assert told[:2] == ["READY=1", "STATUS=at work"] and told[-1] == "STOPPING=1"
+    assert told[:3] == ["WATCHDOG_USEC=200000", "READY=1", "STATUS=at work"]
+    assert told[-1] == "STOPPING=1"
     assert told.count("WATCHDOG=1") >= 3
 
 
