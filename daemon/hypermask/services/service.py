@@ -28,7 +28,6 @@ STOPPED, FAILED, UNUSABLE = 0, 1, 78
 _NOTIFY_S = 0.5
 _STATUS_S = 1.0
 _BOARD_S = 1.0
-_SAFE_PATIENCE_S = 20.0
 _END_S = 0.9
 """A service that has not ended so long after SIGTERM is ended by the kernel."""
 _STAGE_MODULES = (
@@ -173,7 +172,7 @@ def _safe(messages: Messages) -> Service:
     loop = safe.build(MachineRig(machine, Board.local(), messages, health))
     loop.begin()
     gc.enable()
-    return Service(loop, health, _SAFE_PATIENCE_S)
+    return Service(loop, health, 0.0)
 
 
 class Service:
