@@ -28,6 +28,7 @@ STOPPED, FAILED, UNUSABLE = 0, 1, 78
 _NOTIFY_S = 0.5
 _STATUS_S = 1.0
 _BOARD_S = 1.0
+_SAFE_PATIENCE_S = 20.0
 _END_S = 0.9
 """A service that has not ended so long after SIGTERM is ended by the kernel."""
 _STAGE_MODULES = (
