@@ -14,7 +14,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -28,35 +28,53 @@ from hypermask_sim.appliance.guest import PORT_NAME
 from hypermask_sim.appliance.image import Image
 
 _KERNEL_LINE = "root=/dev/vda rw console=ttyS0 quiet systemd.show_status=false"
+_USB = "usb"
+KEYPAD = {"driver": "usb-kbd", "id": "keypad", "bus": f"{_USB}.0"}
+PTU = {"driver": "usb-serial", "id": "ptu", "chardev": "ptu", "bus": f"{_USB}.0"}
+"""USB devices that can be pulled and plugged in again."""
+QCODES = {
+    **{str(digit): f"kp_{digit}" for digit in range(10)},
+    "dot": "kp_decimal", "enter": "kp_enter", "plus": "kp_add", "minus": "kp_subtract",
+    "star": "kp_multiply", "slash": "kp_divide", "numlock": "num_lock", "backspace": "backspace",
+}  # fmt: skip
+"""QEMU's names of the keypad's keys."""
 
 
 @dataclass(frozen=True)
 class Machine:
     """work: folder for sockets, logs and pictures, seen by the guest as /host; source: what it sees
-    as /source; extra: further arguments of QEMU; kernel_arguments: added to the kernel's line."""
+    as /source; disk: a copy of the image's disk that keeps what is written (made by `own_disk`),
+    else what is written is dropped; ptu: host end of the pan-tilt unit's line; extra: further
+    arguments of QEMU; kernel_arguments: added to the kernel's line."""
 
     image: Image
     work: Path
     source: Path
-    memory_mb: int = 1024
+    memory_mb: int = 2048
+    cpus: int = 2
     screen: tuple[int, int] = (1280, 800)
-    keep_disk: bool = False
+    disk: Path | None = None
+    ptu: Path | None = None
     extra: Sequence[str] = ()
     kernel_arguments: Sequence[str] = field(default_factory=tuple)
 
     def command(self) -> list[str]:
         work = self.work
         width, height = self.screen
-        snapshot = "off" if self.keep_disk else "on"
+        disk, snapshot = (self.disk, "off") if self.disk else (self.image.disk, "on")
         return [
-            "nice", "-n", "15", "qemu-system-x86_64",
-            "-machine", "q35", "-accel", "tcg", "-cpu", "Nehalem",
-            "-smp", "1", "-m", str(self.memory_mb),
+            "nice", "-n", "10", "qemu-system-x86_64",
+            "-machine", "q35", "-accel", "tcg,thread=multi", "-cpu", "Nehalem",
+            "-smp", str(self.cpus), "-m", str(self.memory_mb),
             "-kernel", str(self.image.kernel), "-initrd", str(self.image.initrd),
             "-append", " ".join([_KERNEL_LINE, *self.kernel_arguments]),
-            "-drive", f"file={self.image.disk},format=raw,if=virtio,snapshot={snapshot}",
+            "-drive", f"file={disk},format=raw,if=virtio,snapshot={snapshot}",
             "-display", "none", "-vga", "none", "-nic", "none",
             "-device", f"virtio-gpu-pci,id=gpu,xres={width},yres={height}",
+            "-device", "i6300esb", "-action", "watchdog=reset",
+            "-device", f"qemu-xhci,id={_USB}",
+            *_as_arguments("-device", KEYPAD),
+            *self._ptu(),
             "-serial", f"file:{work / 'console.log'}",
             "-chardev", f"socket,id=agent,path={work / 'agent.sock'},server=on,wait=off",
             "-device", "virtio-rng-pci", "-device", "virtio-serial-pci",
@@ -67,6 +85,24 @@ class Machine:
             "readonly=on,id=source",
             *self.extra,
         ]  # fmt: skip
+
+    def _ptu(self) -> list[str]:
+        if self.ptu is None:
+            return []
+        return ["-chardev", f"serial,id=ptu,path={self.ptu}", *_as_arguments("-device", PTU)]
+
+    def own_disk(self, disk: Path) -> Machine:
+        """The same machine with a disk that remembers: a fresh copy of the image's."""
+        subprocess.run(
+            ["cp", "--reflink=auto", "--sparse=always", str(self.image.disk), str(disk)],
+            check=True,
+        )
+        return replace(self, disk=disk)
+
+
+def _as_arguments(option: str, device: dict[str, str]) -> list[str]:
+    rest = (f"{key}={value}" for key, value in device.items() if key != "driver")
+    return [option, ",".join([device["driver"], *rest])]
 
 
 class VirtualCart:
@@ -82,6 +118,8 @@ class VirtualCart:
         machine.work.mkdir(parents=True, exist_ok=True)
         for name in ("agent.sock", "qmp.sock"):
             (machine.work / name).unlink(missing_ok=True)
+        self.events: list[dict[str, Any]] = []
+        self._request = 0
         self._log = (machine.work / "qemu.log").open("wb")
         self._process = subprocess.Popen(
             machine.command(), stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log
@@ -93,7 +131,6 @@ class VirtualCart:
         except BaseException:
             self.power_cut()
             raise
-        self._request = 0
 
     def _lines(self, name: str) -> _Lines:
         deadline = time.monotonic() + 20
@@ -119,13 +156,38 @@ class VirtualCart:
         """A command of QEMU's monitor protocol. Raises `HypermaskError` APL-MONITOR."""
         self._qmp.send({"execute": command, "arguments": arguments})
         while True:
-            answer = self._qmp.receive(30)
+            answer = self._qmp.receive(60)
             if "return" in answer:
                 return answer["return"]
             if "error" in answer:
                 raise HypermaskError(
                     "APL-MONITOR", f"{command}: {answer['error']['desc']}", "Check the command."
                 )
+            self.events.append(answer)
+
+    def wait_event(self, name: str, timeout_s: float) -> dict[str, Any]:
+        """The next event of that name, or one that was seen already. Raises `TimeoutError`."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            for event in self.events:
+                if event.get("event") == name:
+                    self.events.remove(event)
+                    return event
+            self.events.append(self._qmp.receive(deadline - time.monotonic()))
+
+    def press(self, key: str, hold_s: float = 0.2) -> None:
+        """A key of the USB keypad goes down and up again, by its name in `QCODES`."""
+        for down in (True, False):
+            pressed = {"down": down, "key": {"type": "qcode", "data": QCODES[key]}}
+            self.monitor("input-send-event", events=[{"type": "key", "data": pressed}])
+            time.sleep(hold_s if down else 0.05)
+
+    def unplug(self, device: dict[str, str]) -> None:
+        self.monitor("device_del", id=device["id"])
+        self.wait_event("DEVICE_DELETED", 30)
+
+    def plug(self, device: dict[str, str]) -> None:
+        self.monitor("device_add", **device)
 
     def screenshot(self, name: str = "screen") -> NDArray[np.uint8]:
         """What the display shows: (height, width, 3) RGB, row 0 at the top; kept as a PNG."""
