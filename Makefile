@@ -37,7 +37,7 @@ demo: $(READY) $(MODELS) ## play a whole simulated show into build/demo: video, 
 	@echo "Look at $(DEMO)/show.mp4 and $(DEMO)/contact-sheet.png; figures in $(DEMO)/report.json"
 
 test: $(READY) $(MODELS) ## run the tests (under 10 minutes on 2 cores)
-	$(BIN)/pytest
+	$(BIN)/pytest -n $(shell nproc) --dist loadfile
 
 appliance-test: $(READY) ## boot a Debian in QEMU and try the camera's and the projector's driver in it (as root)
 	$(BIN)/pytest -m appliance tests/appliance

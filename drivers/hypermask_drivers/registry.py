@@ -7,6 +7,7 @@ from importlib import import_module
 
 from hypermask_drivers.device import Device
 from hypermask_drivers.errors import ConfigError
+from hypermask_drivers.settings import Settings
 
 _DRIVERS: dict[str, dict[str, str]] = {
     "camera": {
@@ -42,6 +43,23 @@ _DRIVERS: dict[str, dict[str, str]] = {
     },
 }
 
+_SETTINGS: dict[str, dict[str, str]] = {
+    "camera": {"v4l2": "hypermask_drivers.camera.v4l2:V4l2Settings"},
+    "projector": {"kms": "hypermask_drivers.projector.kms:KmsSettings"},
+    "keypad": {
+        "usb": "hypermask_drivers.keypad.usb_pad:UsbPadSettings",
+        "pcf8574": "hypermask_drivers.keypad.i2c_pads:MatrixSettings",
+        "tca8418": "hypermask_drivers.keypad.i2c_pads:MatrixSettings",
+    },
+    "pantilt": {"ptu": "hypermask_drivers.pantilt.ptu:PtuSettings"},
+    "sound": {"alsa": "hypermask_drivers.sound.alsa:AlsaSettings"},
+    "lamp": {"dlpc34xx": "hypermask_drivers.lamp.dlpc34xx:Dlpc34xxSettings"},
+    "power": {
+        "ina219": "hypermask_drivers.power.ina2xx:Ina2xxSettings",
+        "ina226": "hypermask_drivers.power.ina2xx:Ina2xxSettings",
+    },
+}
+
 
 def kinds() -> tuple[str, ...]:
     """The kinds of device: camera, projector, keypad, pantilt, sound, lamp, power."""
@@ -55,14 +73,37 @@ def names(kind: str) -> tuple[str, ...]:
 
 def driver_class(kind: str, name: str) -> type[Device]:
     """The class of a driver. Raises `ConfigError` DRV-NAME for an unknown name."""
+    cls = _named(_target(kind, name))
+    assert issubclass(cls, Device)
+    return cls
+
+
+def settings_class(kind: str, name: str) -> type[Settings] | None:
+    """What can be set about a driver; None for a simulated one, which is told by its scenario.
+
+    Raises `ConfigError` DRV-NAME for an unknown name.
+    """
+    _target(kind, name)
+    target = _SETTINGS[kind].get(name)
+    if target is None:
+        return None
+    cls = _named(target)
+    assert issubclass(cls, Settings)
+    return cls
+
+
+def _target(kind: str, name: str) -> str:
     try:
-        target = _DRIVERS[kind][name]
+        return _DRIVERS[kind][name]
     except KeyError:
         known = list(_DRIVERS.get(kind, _DRIVERS))
         near = difflib.get_close_matches(name if kind in _DRIVERS else kind, known, n=1)
         hint = f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(known)}."
         raise ConfigError("DRV-NAME", f"there is no {kind} driver '{name}'", hint) from None
+
+
+def _named(target: str) -> type:
     module_name, class_name = target.split(":")
     cls = getattr(import_module(module_name), class_name)
-    assert isinstance(cls, type) and issubclass(cls, Device)
+    assert isinstance(cls, type)
     return cls

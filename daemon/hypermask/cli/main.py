@@ -10,7 +10,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import typer
 
-from hypermask.cli import bench, calibrate, doctor, face, rehearse, status, stream, voice
+from hypermask.cli import bench, calibrate, config, doctor, face, rehearse, status, stream, voice
 
 app = typer.Typer(
     name="hypermask",
@@ -24,6 +24,7 @@ app.command("bench")(bench.bench)
 app.command("doctor")(doctor.doctor)
 app.command("status")(status.status)
 app.add_typer(calibrate.app, name="calibrate")
+app.add_typer(config.app, name="config")
 app.add_typer(face.app, name="face")
 app.add_typer(voice.app, name="voice")
 app.add_typer(stream.app, name="stream")

@@ -80,6 +80,10 @@ class PanTiltWorker:
         self.compute_s.append(self._clock.now() - began)
         return state is not None
 
+    def words(self) -> str:
+        """What the head does, in a word."""
+        return f"the head is {self._record['state'].item().decode()}"
+
     def stop(self) -> None:
         """Halt, and let go of the unit."""
         if self.head.ready():

@@ -7,8 +7,9 @@ import ctypes
 import gc
 import os
 import signal
+from collections.abc import Iterable
 
-_MCL_CURRENT_AND_FUTURE = 3
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_PDEATHSIG = 1
 
 
@@ -27,18 +28,56 @@ def die_with_parent() -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
-def be_realtime(priority: int) -> list[str]:
-    """SCHED_FIFO and locked memory for this process; returns what was granted, in words."""
-    granted = []
+def be_realtime(
+    priority: int, affinity: Iterable[int] = (), lock_memory: bool = True, nice: int = 0
+) -> list[str]:
+    """SCHED_FIFO, processors and locked memory for this process; what was granted, in words.
+
+    priority: 0 for none, then `nice` counts; affinity: empty for all processors, those that the
+    machine does not have are left out.
+    """
+    asked = (
+        _scheduled(priority) if priority > 0 else _nice(nice),
+        _bound(affinity),
+        _locked() if lock_memory else "",
+    )
+    return [word for word in asked if word]
+
+
+def _scheduled(priority: int) -> str:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        granted.append(f"SCHED_FIFO {priority}")
-    except (PermissionError, OSError):
-        pass
+    except OSError:
+        return ""
+    return f"SCHED_FIFO {priority}"
+
+
+def _nice(nice: int) -> str:
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
+    except OSError:
+        return ""
+    return f"nice {nice}" if nice else ""
+
+
+def _bound(affinity: Iterable[int]) -> str:
+    wanted = set(affinity)
+    try:
+        there = wanted & os.sched_getaffinity(0)
+        if not there:
+            return ""
+        os.sched_setaffinity(0, there)
+    except OSError:
+        return ""
+    return "CPU " + ",".join(map(str, sorted(there)))
+
+
+def _locked() -> str:
+    """Pages that were touched once stay; what is mapped and never used costs nothing."""
     try:
         libc = ctypes.CDLL(None, use_errno=True)
-        if libc.mlockall(_MCL_CURRENT_AND_FUTURE) == 0:
-            granted.append("memory locked")
+        if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0:
+            return "memory locked"
     except (OSError, AttributeError):
         pass
-    return granted
+    return ""

@@ -28,6 +28,8 @@ class Kept(Generic[D]):
         self._report = report
         self._next_try_s = -float("inf")
         self._complained = False
+        self.tries = 0
+        """How often opening was tried: whoever keeps trying is not hung."""
 
     def ready(self) -> bool:
         """True when the device is open; tries to open it when the last try is a second ago."""
@@ -36,6 +38,7 @@ class Kept(Generic[D]):
         if self._clock.now() < self._next_try_s:
             return False
         self._next_try_s = self._clock.now() + RETRY_S
+        self.tries += 1
         try:
             self.device.open()
         except DeviceError as error:

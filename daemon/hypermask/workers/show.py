@@ -10,12 +10,13 @@ from hypermask_drivers.keypad import Keypad
 
 
 class ShowWorker:
-    """Owns the keypad; writes `Board.scene` when it starts, after every cue and every arrival."""
+    """Owns the keypad, if there is one; writes `Board.scene` when it starts, after every cue and
+    every arrival."""
 
     def __init__(
-        self, keypad: Keypad, engine: ShowEngine, board: Board, clock: Clock, report: Report
+        self, keypad: Keypad | None, engine: ShowEngine, board: Board, clock: Clock, report: Report
     ) -> None:
-        self._keypad = Kept(keypad, "keypad", clock, report)
+        self._keypad = None if keypad is None else Kept(keypad, "keypad", clock, report)
         self._engine, self._board, self._report = engine, board, report
         self._clock = clock
         self._arrived = 0
@@ -24,7 +25,8 @@ class ShowWorker:
     def step(self, timeout_s: float = 0.0) -> bool:
         """Take one key event if there is one; False when there was none."""
         self._welcome()
-        event = self._keypad.use(lambda keypad: keypad.read(timeout_s))
+        keypad = self._keypad
+        event = None if keypad is None else keypad.use(lambda device: device.read(timeout_s))
         if event is None:
             return False
         called = self._engine.press(event.key, event.time_s) if event.pressed else None

@@ -52,6 +52,16 @@ class TrackerWorker:
             maxlen=KEPT
         )  # from the frame's mid-exposure to the blackboard
 
+    @property
+    def dropped(self) -> int:
+        """Frames that never came, by the gaps in their numbers."""
+        return int(self._record["dropped"])
+
+    @property
+    def locked(self) -> bool:
+        """Whether the mask was seen in the last frame."""
+        return bool(self._record["locked"])
+
     def step(self, timeout_s: float = 0.0) -> bool:
         """Take one frame if there is one; False when there was none."""
         frame = self.camera.use(lambda camera: camera.read(timeout_s))

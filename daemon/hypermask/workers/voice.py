@@ -32,7 +32,7 @@ class VoiceWorker:
         """speaker: what calibration learnt of the actor, see `hypermask.voice.speaker`."""
         self._settings = settings or VoiceSettings()
         self._speaker = speaker
-        self._sound = Kept(sound, "sound", clock, report)
+        self.sound = Kept(sound, "sound", clock, report)
         self._board = board
         self._clock = clock
         self._follower: MouthFollower | None = None
@@ -42,7 +42,7 @@ class VoiceWorker:
 
     def step(self, timeout_s: float = 0.0) -> bool:
         """Take one block of sound if there is one; False when there was none."""
-        block = self._sound.use(lambda sound: sound.read(timeout_s))
+        block = self.sound.use(lambda sound: sound.read(timeout_s))
         if block is None:
             self._close_mouth()
             return False

@@ -28,6 +28,8 @@ class SimSoundIn(SimDevice, SoundIn):
         self._start = round(world.scenario.performer.voice_start_s * settings.rate_hz)
         self._noise = 10 ** (settings.noise_db / 20)
         self._voice = world.voice  # read and resampled now, not while the show runs
+        # What is repeated goes on when the scenario's time is over.
+        self._endless = world.scenario.performer.voice_pause_s is not None
         self._next = 0
         self._overruns = 0
 
@@ -60,7 +62,10 @@ class SimSoundIn(SimDevice, SoundIn):
         return SoundBlock(self._samples(index), self.rate_hz, time_s, self._overruns)
 
     def _samples(self, index: int) -> NDArray[np.float32]:
-        voice = self._voice.block(index * self._count - self._start, self._count)
+        first = index * self._count - self._start
+        if self._endless and first >= 0:
+            first %= max(len(self._voice.samples), 1)
+        voice = self._voice.block(first, self._count)
         random = np.random.default_rng([self.world.scenario.seed, 7, index])
         noise = random.standard_normal(self._count, dtype=np.float32) * np.float32(self._noise)
         return np.clip(voice + noise, -1, 1)

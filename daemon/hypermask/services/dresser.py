@@ -1,0 +1,45 @@
+"""The dresser's process: characters made while the show runs, in nobody's way."""
+
+from __future__ import annotations
+
+from hypermask import paths
+from hypermask.services.loop import Loop
+from hypermask.services.rig import Rig
+from hypermask.workers.dresser import Dresser
+
+EVERY_S = 0.05
+
+
+def build(rig: Rig) -> Loop:
+    return DresserLoop(rig)
+
+
+class DresserLoop:
+    def __init__(self, rig: Rig) -> None:
+        self._clock, self._health = rig.clock, rig.health
+        self.dresser = Dresser(
+            rig.board,
+            paths.home() / "characters",
+            rig.mask,
+            rig.clock,
+            rig.report,
+            rig.machine.stage,
+        )
+
+    def begin(self) -> None:
+        self.dresser.prepare()
+
+    def turn(self) -> bool:
+        if self.dresser.step():
+            made_s = self.dresser.compute_s
+            self._health.worked(made_s[-1] if made_s else None)
+        else:
+            self._clock.sleep_until(self._clock.now() + EVERY_S)
+        return True
+
+    def status(self) -> str:
+        made = len(self.dresser.compute_s)
+        return f"has made {made} characters" if made else "waits for orders"
+
+    def stop(self) -> None:
+        """Nothing: an order that is not finished is taken again."""

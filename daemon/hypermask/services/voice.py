@@ -1,0 +1,57 @@
+"""The voice's process: sound in, the mouth's parameters out."""
+
+from __future__ import annotations
+
+from hypermask.services.loop import Loop, Quiet
+from hypermask.services.rig import Rig
+from hypermask.voice import speaker
+from hypermask.workers.voice import VoiceWorker
+from hypermask_drivers.device import DeviceState
+from hypermask_drivers.sound import SoundIn
+
+WAIT_S = 0.1
+IDLE_S = 0.02
+
+
+def build(rig: Rig) -> Loop:
+    sound = rig.device("sound")
+    if sound is None:
+        return Quiet("no microphone in this machine")
+    assert isinstance(sound, SoundIn)
+    return VoiceLoop(rig, sound)
+
+
+class VoiceLoop:
+    def __init__(self, rig: Rig, sound: SoundIn) -> None:
+        self._rig, self._clock, self._health = rig, rig.clock, rig.health
+        self._sound = sound
+        who, warning = speaker.load_current()
+        if warning is not None:
+            rig.report(rig.clock.now(), warning.partition(":")[0], warning)
+        self.worker = VoiceWorker(sound, rig.board, rig.clock, rig.report, rig.machine.voice, who)
+        self._tries = 0
+
+    def begin(self) -> None:
+        """Nothing."""
+
+    def turn(self) -> bool:
+        worker = self.worker
+        took = worker.step(WAIT_S)
+        ready = self._sound.state is DeviceState.READY
+        self._health.device(ready)
+        if took:
+            history = worker.history
+            age_s = self._clock.now() - history[-1].time_s if history else None
+            self._health.worked(age_s)
+            return True
+        if not ready:
+            self._clock.sleep_until(self._clock.now() + IDLE_S)
+        tried, self._tries = worker.sound.tries != self._tries, worker.sound.tries
+        return tried
+
+    def status(self) -> str:
+        ready = self._sound.state is DeviceState.READY
+        return "follows the voice" if ready else "waits for the microphone"
+
+    def stop(self) -> None:
+        self._sound.close()
