@@ -127,7 +127,7 @@ def _base(folder: Path, packages: Sequence[str]) -> Path:
     _run(
         "mmdebstrap", "--variant=minbase", f"--include={','.join(packages)}",
         *(f"--dpkgopt=path-exclude=/usr/share/{name}/*" for name in _UNKEPT),
-        '--aptopt=Apt::Install-Recommends "false"',
+        '--aptopt=Apt::Install-Recommends "false"', "--dpkgopt=force-unsafe-io",
         f"--extract-hook=mkdir -p {settings}/conf.d",
         f"--extract-hook=echo MODULES=list >{settings}/conf.d/cart",
         f"--extract-hook=printf '{modules}\\n' >{settings}/modules",
@@ -165,6 +165,10 @@ def _furnish(root: Path) -> None:
     machine.parent.mkdir(exist_ok=True)
     machine.write_text(MACHINE, "utf-8")
     (root / "etc/hostname").write_text("cart\n", "utf-8")
+    # Not a first boot: that one presets all units and rebuilds caches, once in an appliance's life.
+    (root / "etc/machine-id").write_text(f"{_digest([b'cart']) * 2}\n", "utf-8")
+    for folder in ("etc", "var"):
+        (root / folder / ".updated").touch()
     for folder in ("host", "source"):
         (root / folder).mkdir(exist_ok=True)
 
