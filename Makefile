@@ -9,7 +9,7 @@ DEMO := build/demo
 # Small linear algebra gets slower with BLAS threads.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help setup models demo test appliance-test lint format bench clean
+.PHONY: help setup models demo test appliance-test deb lint format bench clean
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -41,6 +41,9 @@ test: $(READY) $(MODELS) ## run the tests (under 10 minutes on 2 cores)
 
 appliance-test: $(READY) ## boot a Debian in QEMU and try the camera's and the projector's driver in it (as root)
 	$(BIN)/pytest -m appliance tests/appliance
+
+deb: $(MODELS) ## build the Debian packages into build/deb
+	bash .ci/deb
 
 lint: $(READY) ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff check .
