@@ -45,13 +45,18 @@ class Machine:
     """work: folder for sockets, logs and pictures, seen by the guest as /host; source: what it sees
     as /source; disk: a copy of the image's disk that keeps what is written (made by `own_disk`),
     else what is written is dropped; ptu: host end of the pan-tilt unit's line; extra: further
-    arguments of QEMU; kernel_arguments: added to the kernel's line."""
+    arguments of QEMU; kernel_arguments: added to the kernel's line.
+
+    instruction_ns: guest time that an instruction takes, a power of two. However busy the host is,
+    the guest has a processor of that speed by its own clock, so no time limit in it depends on the
+    host. None: the guest's clock is the host's.
+    """
 
     image: Image
     work: Path
     source: Path
     memory_mb: int = 2048
-    cpus: int = 2
+    instruction_ns: int | None = 4
     screen: tuple[int, int] = (1280, 800)
     disk: Path | None = None
     ptu: Path | None = None
@@ -64,8 +69,8 @@ class Machine:
         disk, snapshot = (self.disk, "off") if self.disk else (self.image.disk, "on")
         return [
             "nice", "-n", "10", "qemu-system-x86_64",
-            "-machine", "q35", "-accel", "tcg,thread=multi", "-cpu", "Nehalem",
-            "-smp", str(self.cpus), "-m", str(self.memory_mb),
+            "-machine", "q35", "-accel", "tcg", "-cpu", "Nehalem", *self._pace(),
+            "-m", str(self.memory_mb),
             "-kernel", str(self.image.kernel), "-initrd", str(self.image.initrd),
             "-append", " ".join([_KERNEL_LINE, *self.kernel_arguments]),
             "-drive", f"file={disk},format=raw,if=virtio,snapshot={snapshot}",
@@ -85,6 +90,11 @@ class Machine:
             "readonly=on,id=source",
             *self.extra,
         ]  # fmt: skip
+
+    def _pace(self) -> list[str]:
+        if self.instruction_ns is None:
+            return []
+        return ["-icount", f"shift={self.instruction_ns.bit_length() - 1},align=off,sleep=on"]
 
     def _ptu(self) -> list[str]:
         if self.ptu is None:
