@@ -10,7 +10,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import typer
 
-from hypermask.cli import bench, calibrate, config, doctor, face, rehearse, status, stream, voice
+from hypermask.cli import (
+    bench,
+    calibrate,
+    config,
+    doctor,
+    face,
+    rehearse,
+    status,
+    stream,
+    update,
+    voice,
+)
 
 app = typer.Typer(
     name="hypermask",
@@ -28,6 +39,7 @@ app.add_typer(config.app, name="config")
 app.add_typer(face.app, name="face")
 app.add_typer(voice.app, name="voice")
 app.add_typer(stream.app, name="stream")
+app.add_typer(update.app, name="update")
 
 
 def _terminated(number: int, frame: object) -> None:
