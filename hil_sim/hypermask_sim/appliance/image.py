@@ -160,7 +160,9 @@ def _furnish(root: Path) -> None:
     wants = root / "etc/systemd/system/multi-user.target.wants"
     wants.mkdir(parents=True, exist_ok=True)
     for unit in sorted(FURNITURE.glob("etc/systemd/system/cart-*.service")):
-        (wants / unit.name).symlink_to(f"/etc/systemd/system/{unit.name}")
+        link = wants / unit.name
+        link.unlink(missing_ok=True)
+        link.symlink_to(f"/etc/systemd/system/{unit.name}")
     machine = root / "etc/hypermask/machine.toml"
     machine.parent.mkdir(exist_ok=True)
     machine.write_text(MACHINE, "utf-8")
