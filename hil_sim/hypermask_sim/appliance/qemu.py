@@ -68,7 +68,7 @@ class Machine:
         width, height = self.screen
         disk, snapshot = (self.disk, "off") if self.disk else (self.image.disk, "on")
         return [
-            "nice", "-n", "10", "qemu-system-x86_64",
+            "qemu-system-x86_64",
             "-machine", "q35", "-accel", "tcg", "-cpu", "Nehalem", *self._pace(),
             "-m", str(self.memory_mb),
             "-kernel", str(self.image.kernel), "-initrd", str(self.image.initrd),
