@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import time
 from pathlib import Path
 from typing import Protocol
 
@@ -23,6 +24,8 @@ Record = NDArray[np.void]
 _MAGIC = b"HYPRMASK"
 _HEADER = np.dtype([("magic", "S8"), ("layout", "<u8"), ("sequence", "<u8")])
 _ATTEMPTS = 200
+_PATIENCE, _PAUSE_S = 20, 0.002
+"""Of an onlooker, who has time."""
 
 
 class Topic(Protocol):
@@ -77,11 +80,7 @@ class SharedTopic:
             self._header["layout"][0] = layout
             self._header["magic"][0] = _MAGIC
         elif self._header["magic"][0] != _MAGIC or self._header["layout"][0] != layout:
-            raise HypermaskError(
-                "BOARD-LAYOUT",
-                f"{path} was made by another version of the program",
-                "Stop every hypermask process and remove the file.",
-            )
+            raise _other_version(path)
 
     def publish(self, record: Record) -> None:
         sequence = self._header["sequence"]
@@ -91,17 +90,77 @@ class SharedTopic:
         sequence[0] += np.uint64(1)
 
     def latest(self) -> Record | None:
-        sequence = self._header["sequence"]
-        for _ in range(_ATTEMPTS):
-            before = int(sequence[0])
-            if before == 0:
-                return None
-            if before % 2:
-                continue
-            copy: Record = self._body[0].copy()
-            if int(sequence[0]) == before:
-                return copy
+        return _newest(self._header, self._body)
+
+
+class ReadTopic:
+    """A `SharedTopic` for somebody who only looks: a file that is not there is nothing published.
+
+    Raises `HypermaskError` BOARD-LAYOUT, BOARD-RIGHTS.
+    """
+
+    def __init__(self, path: Path, dtype: np.dtype[np.void]) -> None:
+        self._path, self._dtype = path, dtype
+        self._map: tuple[Record, Record] | None = None
+        self._attach()
+
+    def _attach(self) -> None:
+        size = _HEADER.itemsize + self._dtype.itemsize
+        try:
+            with self._path.open("rb") as file:
+                if os.fstat(file.fileno()).st_size < size:
+                    return
+                mapped = mmap.mmap(file.fileno(), size, prot=mmap.PROT_READ)
+        except FileNotFoundError:
+            return
+        except PermissionError as error:
+            raise HypermaskError(
+                "BOARD-RIGHTS", f"{self._path} may not be read", "Join the group hypermask."
+            ) from error
+        header = np.frombuffer(mapped, _HEADER, count=1)
+        if header["magic"][0] == b"":
+            return
+        if header["magic"][0] != _MAGIC or header["layout"][0] != _layout_number(self._dtype):
+            raise _other_version(self._path)
+        self._map = header, np.frombuffer(mapped, self._dtype, 1, _HEADER.itemsize)
+
+    def publish(self, record: Record) -> None:
+        raise TypeError("this topic is open for reading only")
+
+    def latest(self) -> Record | None:
+        if self._map is None:
+            self._attach()
+        if self._map is None:
+            return None
+        for _ in range(_PATIENCE):
+            found = _newest(*self._map)
+            if found is not None or not self._map[0]["sequence"][0]:
+                return found
+            time.sleep(_PAUSE_S)  # a writer lost its processor in the middle of writing
         return None
+
+
+def _newest(header: Record, body: Record) -> Record | None:
+    """A copy that no writer was in the middle of, None where there is none."""
+    sequence = header["sequence"]
+    for _ in range(_ATTEMPTS):
+        before = int(sequence[0])
+        if before == 0:
+            return None
+        if before % 2:
+            continue
+        copy: Record = body[0].copy()
+        if int(sequence[0]) == before:
+            return copy
+    return None
+
+
+def _other_version(path: Path) -> HypermaskError:
+    return HypermaskError(
+        "BOARD-LAYOUT",
+        f"{path} was made by another version of the program",
+        "Stop every hypermask process and remove the file.",
+    )
 
 
 def _layout_number(dtype: np.dtype[np.void]) -> int:

@@ -17,6 +17,7 @@ _DRIVERS: dict[str, dict[str, str]] = {
     "projector": {
         "sim": "hypermask_sim.devices.projector:SimProjector",
         "kms": "hypermask_drivers.projector.kms:KmsProjector",
+        "offscreen": "hypermask_drivers.projector.offscreen:Offscreen",
     },
     "keypad": {
         "sim": "hypermask_sim.devices.keypad:SimKeypad",
@@ -45,7 +46,10 @@ _DRIVERS: dict[str, dict[str, str]] = {
 
 _SETTINGS: dict[str, dict[str, str]] = {
     "camera": {"v4l2": "hypermask_drivers.camera.v4l2:V4l2Settings"},
-    "projector": {"kms": "hypermask_drivers.projector.kms:KmsSettings"},
+    "projector": {
+        "kms": "hypermask_drivers.projector.kms_settings:KmsSettings",
+        "offscreen": "hypermask_drivers.projector.offscreen_settings:OffscreenSettings",
+    },
     "keypad": {
         "usb": "hypermask_drivers.keypad.usb_pad:UsbPadSettings",
         "pcf8574": "hypermask_drivers.keypad.i2c_pads:MatrixSettings",

@@ -29,6 +29,13 @@ LOSSES = {
 """From a kind of device to the fault that takes it away."""
 
 
+SOUND_TROUBLES = (
+    "sound_silent", "sound_clipped", "sound_nan", "sound_stuck", "sound_garbled", "sound_resampled",
+)  # fmt: skip
+"""What a microphone that is there can send: nothing but zeros, the voice 40 dB too loud, no
+numbers, its greatest value for ever, blocks of absurd sizes, 192 kHz."""
+
+
 _FAULT_KEYS: dict[str, frozenset[str]] = {
     "leds_hidden": frozenset({"leds"}),
     "extra_blobs": frozenset({"count", "peak"}),
@@ -42,6 +49,7 @@ _FAULT_KEYS: dict[str, frozenset[str]] = {
     "pantilt_lost": frozenset(),
     "lamp_lost": frozenset(),
     "power_lost": frozenset(),
+    **dict.fromkeys(SOUND_TROUBLES, frozenset()),
 }
 
 
@@ -55,7 +63,8 @@ class FaultSettings(Settings):
     kind: Literal[
         "leds_hidden", "extra_blobs", "flash", "frames_dropped", "frames_late", "camera_lost",
         "projector_lost", "keypad_unplugged", "sound_lost", "pantilt_lost", "lamp_lost",
-        "power_lost",
+        "power_lost", "sound_silent", "sound_clipped", "sound_nan", "sound_stuck", "sound_garbled",
+        "sound_resampled",
     ]  # fmt: skip
     from_s: Seconds = 0.0
     to_s: Seconds = 86400.0
@@ -170,6 +179,14 @@ class Faults:
             ),
             default=0.0,
         )
+
+    def sound_troubles(self, time_s: float) -> list[str]:
+        """Those of `SOUND_TROUBLES` that there are."""
+        return [
+            fault.kind
+            for fault in self._faults
+            if fault.kind in SOUND_TROUBLES and fault.from_s <= time_s < fault.to_s
+        ]
 
     def _hits(self, index: int, fault: FaultSettings, sequence: int) -> bool:
         if fault.frames is not None:

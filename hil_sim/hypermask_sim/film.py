@@ -140,7 +140,7 @@ class FilmWriter:
     def _write_voice(self, sound: Sound, offset_s: float) -> Path:
         samples, rate_hz = sound
         path = self._folder / "voice.wav"
-        levels = np.clip(shifted(samples, rate_hz, offset_s), -1, 1) * 32767
+        levels = np.clip(np.nan_to_num(shifted(samples, rate_hz, offset_s)), -1, 1) * 32767
         try:
             with wave.open(str(path), "wb") as file:
                 file.setnchannels(1)

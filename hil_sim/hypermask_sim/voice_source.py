@@ -113,15 +113,11 @@ def cache_folder() -> Path:
 def read_wav(path: Path) -> tuple[Samples, int]:
     """Mono samples (n,) float32 within full scale, and the rate in Hz.
 
-    Raises `DataError` VOICE-ABSENT, VOICE-READ, VOICE-FORMAT.
+    Values that are no numbers stay: they are what a broken microphone sends. Raises `DataError`
+    VOICE-ABSENT, VOICE-READ, VOICE-FORMAT.
     """
     samples, rate = wav.read_wav(path)
-    if not np.isfinite(samples).all():
-        raise DataError(
-            "VOICE-FORMAT",
-            f"{path} cannot be used: it holds values that are not numbers",
-            "Save it as a 16-bit PCM WAV file.",
-        )
+    samples = np.where(np.isfinite(samples), samples, np.float32(np.nan))
     return np.clip(samples, -1, 1), round(rate)
 
 
@@ -132,6 +128,12 @@ def resample(samples: Samples, from_hz: int, to_hz: int, zeros: int = 24) -> Sam
     """
     if from_hz == to_hz or not len(samples):
         return samples
+    lost = ~np.isfinite(samples)
+    if lost.any():  # a sinc would carry them to all their neighbours
+        result = resample(np.where(lost, np.float32(0), samples), from_hz, to_hz, zeros)
+        nearest = np.arange(len(result)) * from_hz // to_hz
+        result[lost[np.minimum(nearest, len(samples) - 1)]] = np.nan
+        return result
     divisor = math.gcd(from_hz, to_hz)
     up, down = to_hz // divisor, from_hz // divisor
     cutoff = 0.95 * min(1.0, to_hz / from_hz)

@@ -12,7 +12,8 @@ import numpy as np
 
 sys.path.insert(0, "/source/drivers")
 from hypermask_drivers.errors import DeviceError, DeviceLost
-from hypermask_drivers.projector.kms import KmsProjector, KmsSettings
+from hypermask_drivers.projector.kms import KmsProjector
+from hypermask_drivers.projector.kms_settings import KmsSettings
 
 HOST = Path("/host")
 

@@ -9,7 +9,8 @@ sys.path.insert(0, "/source/drivers")
 sys.path.insert(0, "/source/daemon")
 from stage_picture import draw_mask
 
-from hypermask_drivers.projector.kms import KmsProjector, KmsSettings
+from hypermask_drivers.projector.kms import KmsProjector
+from hypermask_drivers.projector.kms_settings import KmsSettings
 
 faulthandler.enable()
 faulthandler.dump_traceback_later(120)

@@ -20,7 +20,8 @@ from hypermask_drivers.keypad.usb_pad import UsbPad
 from hypermask_drivers.lamp.dlpc34xx import Dlpc34xxLamp, Dlpc34xxSettings
 from hypermask_drivers.pantilt.ptu import DirectedPerceptionPtu, PtuSettings
 from hypermask_drivers.power.ina2xx import Ina2xxSettings, Ina219, Ina226
-from hypermask_drivers.projector.kms import KmsProjector, KmsSettings
+from hypermask_drivers.projector.kms import KmsProjector
+from hypermask_drivers.projector.kms_settings import KmsSettings
 from hypermask_drivers.registry import driver_class
 from hypermask_drivers.sound.alsa import AlsaSettings, AlsaSoundIn
 from hypermask_sim.display_emulator import EmulatedDisplay, OffscreenBuffers

@@ -18,7 +18,7 @@ from hypermask_drivers.projector.drm_card import (
 )
 from hypermask_drivers.projector.drm_edid import edid
 from hypermask_drivers.projector.drm_modes import choose, modeline, rate_hz, reduced_blanking
-from hypermask_drivers.projector.kms import KmsProjector, KmsSettings
+from hypermask_drivers.projector.kms import KmsProjector
 from hypermask_drivers.projector.kms_console import (
     HotplugWatch,
     force_connector,
@@ -26,6 +26,7 @@ from hypermask_drivers.projector.kms_console import (
     silence_console,
 )
 from hypermask_drivers.projector.kms_output import Output, card_paths, curve, find_connector
+from hypermask_drivers.projector.kms_settings import KmsSettings
 
 HD = "74.25 1280 1390 1430 1650 720 725 730 750 +hsync +vsync"
 

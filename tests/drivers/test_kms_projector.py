@@ -6,7 +6,8 @@ import pytest
 from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.device import DeviceState
 from hypermask_drivers.errors import DeviceAbsent, DeviceLost
-from hypermask_drivers.projector.kms import KmsProjector, KmsSettings
+from hypermask_drivers.projector.kms import KmsProjector
+from hypermask_drivers.projector.kms_settings import KmsSettings
 from hypermask_sim.display_emulator import EmulatedDisplay, OffscreenBuffers
 
 

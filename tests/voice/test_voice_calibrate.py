@@ -58,6 +58,32 @@ def test_each_bad_take_is_told_apart():
     assert problem("silence", good) == "VOICE-NOT-SILENT"
 
 
+@needs_data
+def test_wrong_vowels_are_refused_and_right_ones_are_not():
+    """Of twenty people, among them those who are heard worst."""
+    heard_badly = ("m17", "w32", "m31", "m47", "w49", "m14", "m13", "b08", "g20", "w29", "m09")
+    who = (*heard_badly, "w02", "g04", "g18", "m10", "w21", "b12", "g05", "m01", "w06")
+    passed = {
+        (name, asked, said): check(asked, take(said, name), NETWORK).problem is None
+        for name in who
+        for asked, said in [(a, a) for a in "aiueo"] + ["ai", "ia", "ua", "eo", "au", "oi"]
+    }
+    right = [ok for (_, asked, said), ok in passed.items() if asked == said]
+    wrong = [ok for (_, asked, said), ok in passed.items() if asked != said]
+    assert np.mean(right) >= 0.95
+    assert np.mean(wrong) <= 0.10
+
+
+@needs_data
+def test_who_insists_on_a_vowel_is_believed_sooner_but_not_any_sound():
+    assert check("i", take("a"), NETWORK, insists=True).problem[0] == "VOICE-WRONG"
+    people = ("m14", "m49", "m47", "m13")
+    pairs = [(who, vowel) for who in people for vowel in "aiueo"]
+    plain = [check(v, take(v, who), NETWORK).problem is None for who, v in pairs]
+    insisted = [check(v, take(v, who), NETWORK, insists=True).problem is None for who, v in pairs]
+    assert sum(insisted) >= sum(plain)
+
+
 def test_what_is_no_voice_is_no_vowel():
     assert problem("a", noise(1.5, -25)) == "VOICE-NOT-VOWEL"
     assert problem("a", silence(1.5)) == "VOICE-SOFT"

@@ -57,6 +57,11 @@ BENCHES: dict[str, Bench] = {
         "speech to mouth beside the paper, MFCC templates and flapping, with noise",
         "hypermask.bench.voice:voice",
     ),
+    "voice-latency": Bench(
+        "from a sound to the mouth on the blackboard, and whether that creeps in an hour",
+        "hypermask.bench.voice_latency:voice_latency",
+    ),
+    "start": Bench("the stage's start to its first face", "hypermask.bench.start:start"),
     "realtime": Bench("flips on time against the real clock", "hypermask.bench.parts:realtime"),
 }
 

@@ -12,10 +12,14 @@ import typer
 
 from hypermask.cli import (
     bench,
+    bundle,
     calibrate,
     config,
+    control,
+    device,
     doctor,
     face,
+    log,
     rehearse,
     status,
     stream,
@@ -34,8 +38,19 @@ app.command("rehearse")(rehearse.rehearse)
 app.command("bench")(bench.bench)
 app.command("doctor")(doctor.doctor)
 app.command("status")(status.status)
+app.command("log")(log.log)
+app.command("bundle")(bundle.bundle)
+app.command("cue")(control.cue)
+app.command("blackout")(control.blackout)
+app.command("light")(control.light)
+app.command("character")(control.character)
+app.command("head")(control.head)
+app.command("press")(control.press)
+app.command("mode")(control.mode)
+app.command("reload")(control.reload)
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(config.app, name="config")
+app.add_typer(device.app, name="device")
 app.add_typer(face.app, name="face")
 app.add_typer(voice.app, name="voice")
 app.add_typer(stream.app, name="stream")

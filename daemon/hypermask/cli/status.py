@@ -9,21 +9,18 @@ from hypermask.cli.output import JsonOption, console, print_json, reports_errors
 
 @reports_errors
 def status(as_json: JsonOption = False) -> None:
-    """What the running show does: mask, voice, picture, characters, sound and mouth.
+    """Every worker, device and measure of the running show, on one screen.
 
-    Exit code 1 when a worker has stopped working or the mask is not seen.
+    Exit code 1 when a worker or a device is not as it should be or the mask is not seen.
     """
+    from hypermask.technician.screen import survey
     from hypermask.workers.running import running_board
-    from hypermask.workers.status import look
 
-    found = look(running_board())
+    found = survey(running_board())
     if as_json:
-        print_json(
-            {"fine": found.fine, "lines": {line.name: line.as_data() for line in found.lines}}
-        )
+        print_json(found.as_data())
     else:
-        for line in found.lines:
-            mark = "[green]ok[/green]" if line.fine else "[red]!![/red]"
-            console.print(f"{mark}  {line.name:10} {line.text}")
+        for row in found.rows():
+            console.print(row, markup=False, style="red" if row.startswith("!") else None)
     if not found.fine:
         raise typer.Exit(1)

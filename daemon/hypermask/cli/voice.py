@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 
 from hypermask.cli.output import JsonOption, console, print_json, reports_errors
 from hypermask.errors import DataError, UsageError
@@ -101,14 +102,42 @@ def show(
 @reports_errors
 def calibrate(
     wavs: Annotated[
-        list[Path],
-        typer.Argument(metavar="WAV...", help="Six takes: a, i, u, e, o, silence, in this order."),
-    ],
+        list[Path] | None,
+        typer.Argument(metavar="[WAV...]", help="Six takes: a, i, u, e, o, silence, in order."),
+    ] = None,
     name: Annotated[str, typer.Option(help="Whose voice it is.")] = "actor",
+    live: Annotated[
+        bool, typer.Option("--live", help="Ask the actor, by the microphone of the show.")
+    ] = False,
+    sound: Annotated[
+        str, typer.Option(help="The microphone's driver, where no show runs.")
+    ] = "alsa",
+    device: Annotated[
+        str, typer.Option(help="The microphone's name (arecord -L), where no show runs.")
+    ] = "hypermask_mic",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check and measure only.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Learn an actor's voice from six takes; every show uses it from then on."""
+    """Learn an actor's voice, from six takes or live; every show uses it from then on."""
+    if live and (wavs or dry_run):
+        raise UsageError(
+            "VOICE-TAKES", "--live takes no recordings and is no trial", "Leave the others out."
+        )
+    if live:
+        from hypermask.workers.lesson_live import teach
+
+        result = teach(name, sound, device, _say)
+        _tell(result, as_json)
+        return
+    _tell(_from_recordings(wavs or [], name, dry_run, as_json), as_json)
+
+
+def _say(text: str) -> None:
+    """What the actor is to do: beside the result, so that that can be read by programs."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(text, markup=False)
+
+
+def _from_recordings(wavs: list[Path], name: str, dry_run: bool, as_json: bool) -> dict[str, Any]:
     from hypermask.voice import recurrent, speaker
     from hypermask.voice.calibrate import ASKED, PROMPTS, calibrate, check
     from hypermask.voice.resample import resample
@@ -118,7 +147,7 @@ def calibrate(
         raise UsageError(
             "VOICE-TAKES",
             f"{len(wavs)} takes were given, {len(ASKED)} are needed",
-            f"Give one recording each of {', '.join(ASKED)}, in this order.",
+            f"Give one recording each of {', '.join(ASKED)}, in this order, or --live.",
         )
     network = recurrent.shipped()
     takes = {}
@@ -135,9 +164,9 @@ def calibrate(
             "these takes cannot be used: " + ", ".join(str(path) for path, _ in bad),
             " ".join(PROMPTS[take.asked] for _, take in bad) + " Nothing was changed.",
         )
-    result = calibrate(name, takes, network)
-    kept = None if dry_run else str(speaker.save(result.speaker))
-    _tell({**result.plain(), "file": kept}, as_json)
+    result = calibrate(name, takes, network, speaker.load_current()[0])
+    kept = str(speaker.save(result.speaker)) if result.better and not dry_run else None
+    return {**result.plain(), "kept": kept is not None, "file": kept}
 
 
 def _tell(result: dict[str, Any], as_json: bool) -> None:
@@ -145,15 +174,17 @@ def _tell(result: dict[str, Any], as_json: bool) -> None:
         print_json(result)
         return
     before, after = result["held_out_before"], result["held_out_after"]
-    if result["adapted"]:
+    if result["adapted"] and after > before:
         console.print(
             f"The voice was learnt: {before:.1%} of what was held out before, {after:.1%} now."
         )
     else:
-        console.print(f"The voice was understood as it is ({before:.1%}); nothing was changed.")
+        console.print(f"The voice was understood as well before ({before:.1%}).")
     console.print(f"Paper mode uses the network of speaker {result['paper_net']}.")
-    if result["file"]:
+    if result.get("file"):
         console.print(f"Kept in {result['file']}.")
+    elif not result["kept"]:
+        console.print("Nothing was changed.")
 
 
 @app.command()

@@ -21,13 +21,13 @@ class NoSettings(Settings):
     """A simulated device has none: its scenario says everything."""
 
 
-def check_devices(machine: MachineSettings) -> None:
+def check_devices(machine: MachineSettings, source: str) -> None:
     """Raises `ConfigError` DRV-NAME, CFG-KEY, CFG-VALUE, CFG-SCENARIO."""
     simulated = []
     for kind in DEVICES:
         table = machine.device(kind)
         if table is not None:
-            device_settings(kind, table)
+            device_settings(kind, table, source)
             simulated += [kind] if table.driver == SIMULATED else []
     if simulated and not machine.scenario:
         raise ConfigError(
@@ -37,10 +37,10 @@ def check_devices(machine: MachineSettings) -> None:
         )
 
 
-def device_settings(kind: str, table: DeviceTable) -> Settings:
+def device_settings(kind: str, table: DeviceTable, source: str = "the machine file") -> Settings:
     """The driver's own settings. Raises `ConfigError` DRV-NAME, CFG-KEY, CFG-VALUE."""
     model = settings_class(kind, table.driver) or NoSettings
-    return parse(model, table.own, f"[{kind}]")
+    return parse(model, table.own, f"{source}, [{kind}]")
 
 
 def make_device(kind: str, table: DeviceTable, clock: Clock, world: World | None) -> Device:

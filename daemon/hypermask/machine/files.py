@@ -66,14 +66,18 @@ def packaged_path(name: str) -> Path:
     return path
 
 
-def merged(extra: Mapping[str, Any] | None = None) -> Table:
-    """All layers in one table; extra: a last one. Raises `ConfigError` CFG-*."""
+def merged() -> Table:
+    """All layers in one table. Raises `ConfigError` CFG-*."""
     owner: Table = {}
     for path in layer_paths():
         owner = merge(owner, read_toml(path))
-    owner = merge(owner, extra or {})
-    name = owner.pop(CHOICE, DEFAULT)
-    return merge(read_toml(packaged_path(str(name))), owner)
+    return over_packaged(owner)
+
+
+def over_packaged(owner: Table) -> Table:
+    """The owner's layers over the packaged machine that they choose. Raises `ConfigError` CFG-*."""
+    changes = {key: value for key, value in owner.items() if key != CHOICE}
+    return merge(read_toml(packaged_path(str(owner.get(CHOICE, DEFAULT)))), changes)
 
 
 def merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> Table:
@@ -92,7 +96,7 @@ def merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> Table:
 def validated(table: Table, source: str) -> MachineSettings:
     """Raises `ConfigError` CFG-*, DRV-NAME: also for what only the drivers know."""
     machine = parse(MachineSettings, without_devices(table), source)
-    check_devices(machine)
+    check_devices(machine, source)
     return machine
 
 
@@ -165,18 +169,16 @@ def keep_good(machine: MachineSettings) -> bool:
 def set_value(assignment: str) -> MachineSettings:
     """`table.key=value` into `/etc/hypermask/90-set.toml`, if all together is then still good.
 
-    Raises `ConfigError` CFG-*, SET-FORM, SET-RIGHTS; `HypermaskError` DISK-WRITE.
+    Raises `ConfigError` CFG-*, SET-FORM, SET-OVERRULED, SET-RIGHTS; `HypermaskError` DISK-WRITE.
     """
     path = etc() / SET_FILE
-    own = read_toml(path) if path.is_file() else {}
-    changed = override(own, [assignment])
-    others: Table = {}
-    for layer in layer_paths():
-        others = merge(others, changed if layer == path else read_toml(layer))
-    if not path.is_file():
-        others = merge(others, changed)
-    name = others.pop(CHOICE, DEFAULT)
-    table = merge(read_toml(packaged_path(str(name))), others)
+    changed = override(read_toml(path) if path.is_file() else {}, [assignment])
+    layers = sorted({*layer_paths(), path})
+    owner: Table = {}
+    for layer in layers:
+        owner = merge(owner, changed if layer == path else read_toml(layer))
+    _check_holds(owner, changed, assignment, [layer.name for layer in layers if layer > path])
+    table = over_packaged(owner)
     machine = validated(table, f"{source()} with {assignment}")
     try:
         write_atomically(path, dumps(changed).encode())
@@ -198,3 +200,21 @@ def _chosen() -> str:
         except ConfigError:
             continue
     return name
+
+
+def _check_holds(owner: Table, changed: Table, assignment: str, later: list[str]) -> None:
+    """Raises `ConfigError` SET-OVERRULED where a later file has another value."""
+    key = assignment.partition("=")[0].strip()
+    if _at(owner, key) != _at(changed, key):
+        raise ConfigError(
+            "SET-OVERRULED",
+            f"{' or '.join(later)} has another value of {key}, and comes after {SET_FILE}",
+            "Change it there.",
+        )
+
+
+def _at(table: Table, key: str) -> Any:
+    found: Any = table
+    for part in key.split("."):
+        found = found.get(part) if isinstance(found, dict) else None
+    return found

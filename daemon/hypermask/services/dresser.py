@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hypermask import paths
 from hypermask.services.loop import Loop
+from hypermask.services.preparing import Preparing
 from hypermask.services.rig import Rig
 from hypermask.workers.dresser import Dresser
 
@@ -17,6 +18,8 @@ def build(rig: Rig) -> Loop:
 class DresserLoop:
     def __init__(self, rig: Rig) -> None:
         self._clock, self._health = rig.clock, rig.health
+        self._preparing = Preparing(rig)
+        self._warm = False
         self.dresser = Dresser(
             rig.board,
             paths.home() / "characters",
@@ -27,12 +30,17 @@ class DresserLoop:
         )
 
     def begin(self) -> None:
-        self.dresser.prepare()
+        """Nothing: costumes that are missing come first, what an order needs is loaded later."""
 
     def turn(self) -> bool:
         if self.dresser.step():
             made_s = self.dresser.compute_s
             self._health.worked(made_s[-1] if made_s else None)
+        elif self._preparing.step():
+            self._health.worked(None)
+        elif not self._warm:
+            self._warm = True
+            self.dresser.prepare()
         else:
             self._clock.sleep_until(self._clock.now() + EVERY_S)
         return True

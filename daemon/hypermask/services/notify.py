@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-import socket
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import socket
 
 
 class Notifier:
@@ -13,13 +16,7 @@ class Notifier:
     def __init__(self) -> None:
         address = os.environ.get("NOTIFY_SOCKET", "")
         self._address = "\0" + address[1:] if address.startswith("@") else address
-        self._socket = (
-            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-            if address
-            else None
-        )
-        if self._socket is not None:
-            self._socket.setblocking(False)
+        self._socket = _datagrams() if address else None
 
     @property
     def watchdog_s(self) -> float | None:
@@ -37,3 +34,11 @@ class Notifier:
             return
         with contextlib.suppress(OSError):
             self._socket.sendto("\n".join(lines).encode(), self._address)
+
+
+def _datagrams() -> socket.socket:
+    import socket
+
+    made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+    made.setblocking(False)
+    return made

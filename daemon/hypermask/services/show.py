@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from hypermask.errors import HypermaskError
-from hypermask.machine.files import keep_good
+from hypermask.machine.files import keep_good, load
 from hypermask.services.loop import Loop
-from hypermask.services.playbill import playable_show
+from hypermask.services.modes import modes_of
+from hypermask.services.playbill import checked_show, playable_show
 from hypermask.services.rig import Rig
+from hypermask.services.side_devices import side_devices
 from hypermask.show.engine import ShowEngine
 from hypermask.show.showfile import ShowFile
+from hypermask.workers.control import ControlServer
 from hypermask.workers.show import ShowWorker
 from hypermask_drivers.device import DeviceState
 from hypermask_drivers.keypad import Keypad
@@ -34,9 +37,29 @@ class ShowLoop:
     def begin(self) -> None:
         rig = self._rig
         engine = ShowEngine(self._show, rig.clock.now())
-        self.worker = ShowWorker(self._keypad, engine, rig.board, rig.clock, rig.report)
-        if not self._given:
-            self._keep_configuration()
+        if self._given:
+            self.worker = ShowWorker(self._keypad, engine, rig.board, rig.clock, rig.report)
+            return
+        self.worker = ShowWorker(
+            self._keypad,
+            engine,
+            rig.board,
+            rig.clock,
+            rig.report,
+            control=self._control(),
+            modes=modes_of(rig),
+            devices=side_devices(rig),
+            reload=lambda: checked_show(load().machine.show),
+        )
+        self._keep_configuration()
+
+    def _control(self) -> ControlServer | None:
+        """Without its socket the show can still be steered by the keypad."""
+        try:
+            return ControlServer()
+        except HypermaskError as error:
+            self._rig.report(self._clock.now(), error.code, str(error))
+            return None
 
     def _keep_configuration(self) -> None:
         """The show has begun with these settings: they are the last good ones from now on."""
@@ -52,6 +75,8 @@ class ShowLoop:
         keypad = self._keypad
         self._health.device(keypad is not None and keypad.state is DeviceState.READY)
         self._health.worked(None, steps=int(took))
+        if took and self.worker.latency_s:
+            self._health.worked(self.worker.latency_s.pop(), steps=0)
         if not took:
             self._clock.sleep_until(began_s + WAIT_S)
         return True
@@ -60,5 +85,5 @@ class ShowLoop:
         return f"plays '{self._show.name}'"
 
     def stop(self) -> None:
-        if self._keypad is not None:
-            self._keypad.close()
+        if self.worker is not None:
+            self.worker.stop()

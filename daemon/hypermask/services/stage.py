@@ -5,61 +5,75 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Generator
+from pathlib import Path
 
 # Software GL draws steadier without threads of its own where the other workers need the cores.
 os.environ.setdefault("LP_NUM_THREADS", "0")
 
 import moderngl
 
+from hypermask.blackboard import Record
 from hypermask.calibration import storage
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.planar import Planar
 from hypermask.errors import DataError, HypermaskError
+from hypermask.face.character import find_character, load_character
+from hypermask.face.face import Face
+from hypermask.services.entrances import Entrances
 from hypermask.services.loop import Loop, Quiet
-from hypermask.services.playbill import playable_show
+from hypermask.services.overture import Overture, dark
+from hypermask.services.playbill import LAST_RESORT, playable_show
 from hypermask.services.rig import Rig, nominal_projector
+from hypermask.show.engine import ShowEngine
+from hypermask.show.showfile import ShowFile
 from hypermask.stage.pacing import Pacer
 from hypermask.stage.renderer import StageRenderer
 from hypermask.workers.cast import Cast
+from hypermask.workers.costumes import Costumes
 from hypermask.workers.flipping import Flipper
 from hypermask.workers.retry import Kept
-from hypermask.workers.stage import StageWorker, TrackReader, mapping_for
+from hypermask.workers.stage import Picture, StageWorker, TrackReader, mapping_for
 from hypermask.workers.wings import Wings
-from hypermask_drivers.device import DeviceState
 from hypermask_drivers.projector import Projector
 
 IDLE_S = 0.02
+LOOK_S = 1.0
+"""How often it is looked whether the calibration is another one."""
+ALONE_S = 2.0
+"""Without a word from any show for so long, the first character plays as the show file has it."""
 
 
-def build(rig: Rig) -> Loop:
-    projector = rig.device("projector")
+def build(rig: Rig, overture: Overture | None = None) -> Generator[None, None, Loop]:
+    """In steps, so that an overture goes on meanwhile."""
+    projector = overture.device if overture is not None else rig.device("projector")
     if projector is None:
         return Quiet("no projector in this machine")
     assert isinstance(projector, Projector)
-    return StageLoop(rig, projector)
+    loop = StageLoop(rig, projector, overture)
+    if overture is not None:
+        yield from loop.set_up()
+    return loop
 
 
 class StageLoop:
-    def __init__(self, rig: Rig, projector: Projector) -> None:
+    """Owns the projector and everything that lives in its context."""
+
+    def __init__(self, rig: Rig, projector: Projector, overture: Overture | None = None) -> None:
         self._rig, self._clock, self._health = rig, rig.clock, rig.health
         self._device = projector
         self.projector = Kept(projector, "projector", rig.clock, rig.report)
+        self._overture = overture
         self._context: moderngl.Context | None = None
-        self._flipper: Flipper | None = None
-        self._wings: Wings | None = None
+        self._flipper: Flipper[Picture] | None = None
         self._tries = 0
+        self._looked_s = rig.clock.now()
+        self._calibrated = calibration_state()
 
     def begin(self) -> None:
-        """Black light at once, whatever else takes its time."""
-        self._black()
-
-    def _black(self) -> None:
-        def dark(device: Projector) -> None:
-            with device.context:
-                device.framebuffer.clear(0.0, 0.0, 0.0, 1.0)
-            device.present()
-
-        self.projector.use(dark)
+        """Black at once, whatever else takes its time; after an overture it is light already."""
+        if self._overture is None:
+            self.projector.use(dark)
 
     def turn(self) -> bool:
         if not self.projector.ready():
@@ -69,41 +83,107 @@ class StageLoop:
             return tried
         self._health.device(True)
         if self._context is not self._device.context:
-            self._set_up()
-        assert self._flipper is not None and self._wings is not None
+            for _ in self.set_up():
+                pass
+        assert self._flipper is not None
         shown = self._flipper.flip()
         if shown is None:
             return False
-        self._health.worked(shown.shown_s - shown.planned_s, shown.missed)
+        late_s = shown.shown_s - shown.planned_s
+        self._health.worked(late_s, shown.missed, first=bool(shown.picture.items))
         if shown.next_s is not None:
-            self._wings.work(self._clock.now(), self._flipper.spare_s(shown.next_s))
+            self._use(self._flipper.spare_s(shown.next_s))
         return True
 
-    def _set_up(self) -> None:
-        """Everything that lives in the projector's context."""
-        rig, device = self._rig, self._device
-        mode, settings = device.mode, rig.machine.stage
-        size = (mode.width, mode.height)
-        renderer = StageRenderer(device.context, size, rig.mask, settings)
-        show = playable_show(rig.machine.show, rig.report, rig.clock.now())
-        cast = Cast({name: name for name in show.characters}, rig.mask, renderer)
-        reader = TrackReader(rig.board, rig.machine.tracking.prediction)
-        mapping = mapping_for(self._calibration(), rig.mask, reader)
-        stage = StageWorker(
+    def _use(self, spare_s: float) -> None:
+        """What is left of a frame's time."""
+        now_s = self._clock.now()
+        if not self._entrances.over:
+            self._entrances.work(now_s, spare_s)
+        else:
+            self._wings.work(now_s, spare_s)
+        if now_s - self._looked_s >= LOOK_S:
+            self._looked_s = now_s
+            self._look()
+
+    def _look(self) -> None:
+        state = calibration_state()
+        if state != self._calibrated:
+            self._calibrated = state
+            self._worker.remap(mapping_for(self._calibration(), self._rig.mask, self._reader))
+            self._rig.report(self._clock.now(), "CAL-TAKEN", "The new calibration is in use.")
+
+    def set_up(self) -> Generator[None, None, None]:
+        """Everything for this projector's context, in steps of some ten milliseconds."""
+        rig, device, clock = self._rig, self._device, self._clock
+        overture, self._overture = self._overture, None
+        settings, mode = rig.machine.stage, device.mode
+        show = playable_show(rig.machine.show, rig.report, clock.now())
+        yield
+        mask = rig.mask
+        yield
+        renderer = (
+            overture.renderer
+            if overture is not None
+            else StageRenderer(device.context, (mode.width, mode.height), mask, settings)
+        )
+        renderer.complete(mask)
+        yield
+        cast, store = Cast({}, mask, renderer), Costumes(settings.projector_gamma)
+        first, face = self._first_face(show)
+        yield
+        yield from self._open_cast(cast, store, first, face, overture)
+        self._reader = TrackReader(rig.board, rig.machine.tracking.prediction)
+        mapping = mapping_for(self._calibration(), mask, self._reader)
+        self._worker = StageWorker(
             renderer,
             cast,
             mapping,
-            reader,
+            self._reader,
             rig.board,
             1 / mode.rate_hz,
             settings,
             rig.machine.loudspeaker,
+            None if overture is None else overture.fade,
         )
-        self._flipper = Flipper(
-            self.projector, stage, rig.clock, Pacer(1 / mode.rate_hz), mode.light_delay_s
-        )
+        self._worker.play_alone(self._scene_of(show, first), clock.now() + ALONE_S)
+        pacer = Pacer(1 / mode.rate_hz) if overture is None else overture.pacer
+        self._flipper = Flipper(self.projector, self._worker, clock, pacer, mode.light_delay_s)
+        others = [name for name in show.characters if name not in cast.names]
+        self._entrances = Entrances(cast, others, store, mask, rig.report, clock.now())
         self._wings = Wings(cast, rig.board, rig.report)
         self._context = device.context
+
+    def _open_cast(
+        self, cast: Cast, store: Costumes, first: str, face: Face, overture: Overture | None
+    ) -> Generator[None, None, None]:
+        """Whoever plays first, by a costume from the store or one made now."""
+        if overture is not None:
+            cast.lend(face)
+            cast.adopt(overture.dressed)
+            return
+        cast.lend(face, store.of_model(face))
+        yield
+        costume = store.find(first) or store.of_face(face)
+        yield
+        yield from cast.join(first, costume)
+
+    def _first_face(self, show: ShowFile) -> tuple[str, Face]:
+        """The first character that can be used. Raises `DataError` CHAR-*."""
+        problem: HypermaskError | None = None
+        for name in (*show.characters, LAST_RESORT):
+            try:
+                return name, Face(load_character(find_character(name)), self._rig.mask)
+            except HypermaskError as error:
+                self._rig.report(self._clock.now(), error.code, str(error))
+                problem = error
+        assert problem is not None
+        raise problem
+
+    def _scene_of(self, show: ShowFile, first: str) -> Record:
+        scene = ShowEngine(show, self._clock.now()).scene
+        scene["characters"][0] = first.encode()
+        return scene
 
     def _calibration(self) -> ProCam | Planar:
         """The stored one, or the machine's nominal optics, and CAL-NONE is said."""
@@ -118,11 +198,27 @@ class StageLoop:
         return stored.calibration
 
     def status(self) -> str:
-        ready = self._device.state is DeviceState.READY
-        return "lights the mask" if ready else "waits for the projector"
+        return "lights the mask" if self.projector.is_ready else "waits for the projector"
 
     def stop(self) -> None:
-        if self._device.state is DeviceState.READY:
+        if self._flipper is not None:
+            self._entrances.abandon()
+            self._wings.abandon()
+        if self.projector.is_ready:
             with contextlib.suppress(HypermaskError):
-                self._black()
+                self.projector.use(dark)
         self._device.close()
+
+
+def calibration_state() -> tuple[object, ...]:
+    """Changes whenever another calibration is to be used."""
+    folder = storage.folder()
+    return tuple(_mark(path) for path in (folder / storage.CURRENT, folder))
+
+
+def _mark(path: Path) -> tuple[int, int] | None:
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_mtime_ns, stat.st_ino

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from hypermask.blackboard import Record
 from hypermask.errors import UsageError
 from hypermask.face.expressions import Expression
+from hypermask.neck.record import beat, new_neck, order
 from hypermask.show.expressions import expressions_of
 from hypermask.show.scene import (
     CHARACTERS,
@@ -47,6 +49,7 @@ class ShowEngine:
         self._scene["brightness_fade"] = (time_s, 0.0)
         self._scene["voice_intensity"] = show.voice_intensity
         self._live(show.life)
+        self._neck = new_neck(time_s)
 
     @property
     def scene(self) -> Record:
@@ -71,17 +74,63 @@ class ShowEngine:
         face = self._faces.get(name)
         if face is not None:
             self._fade_expression(face, cue, time_s)
+        self.perform(cue, time_s)
+        return CueCalled(time_s, name)
+
+    def perform(self, cue: Cue, time_s: float) -> None:
+        """A cue of nobody's list: all that it asks for but the face's expression.
+
+        Raises `UsageError` CHAR-SHOW for a character that does not play in this show.
+        """
+        if cue.character not in (None, "next", "previous", *self._characters):
+            known = ", ".join(self._characters)
+            raise UsageError(
+                "CHAR-SHOW", f"'{cue.character}' does not play in this show", f"Known: {known}."
+            )
         if cue.life is not None:
             self._live(cue.life)
         if cue.character is not None:
             self._fade_character(cue, time_s)
         self._change_light(cue, time_s)
-        return CueCalled(time_s, name)
+        self._move_head(cue, time_s)
+
+    def beat(self, time_s: float) -> Record:
+        """The neck record (dtype NECK), which says that the show is there at `time_s`."""
+        self._neck = beat(self._neck, time_s)
+        return self._neck
+
+    def resume(self, scene: Record, neck: Record) -> None:
+        """Go on where a show that died left off."""
+        self._scene, self._neck = scene.copy(), neck.copy()
+        self._blackout = float(scene["brightness"]) == 0
+        if not self._blackout:
+            self._wanted_brightness = float(scene["brightness"])
+
+    def after(self, neck: Record) -> None:
+        """Begin anew, but so that the pan-tilt worker sees an order that it does not know."""
+        self._neck["order"] = int(neck["order"]) + 1
+
+    def adopt(self, show: ShowFile) -> tuple[str, ...]:
+        """Take over cues, keys and characters of another show file; what is seen stays as it is.
+
+        Returns the characters that were not in the show before. Raises as the constructor does;
+        then nothing has changed.
+        """
+        faces = expressions_of(show)
+        guests = [name for name in self._characters if name not in self._show.characters]
+        new = tuple(name for name in show.characters if name not in self._characters)
+        self._show, self._faces = show, faces
+        kept = [name for name in guests if name not in show.characters]
+        there = [*(name for name in show.characters if name not in new), *kept]
+        self._characters = there or self._characters  # somebody must play until the new ones come
+        self._scene["voice_intensity"] = show.voice_intensity
+        return new
 
     def arrive(self, name: str, appear: bool, time_s: float) -> bool:
         """A character came while the show runs: it takes its turn after the others, or with
         `appear` the stage at once. False when this show takes no guests."""
-        if not self._show.guests and name not in self._characters:
+        invited = self._show.guests or name in self._show.characters
+        if not invited and name not in self._characters:
             return False
         if name not in self._characters:
             self._characters.append(name)
@@ -102,6 +151,31 @@ class ShowEngine:
     def _fade_character(self, cue: Cue, time_s: float) -> None:
         wanted = self._character(str(cue.character), self._current)
         self._cross_fade(wanted, _or(cue.fade_s, self._show.fades.character_s), time_s)
+
+    def _move_head(self, cue: Cue, time_s: float) -> None:
+        if cue.gesture is None and cue.look is None:
+            return
+        look = None if cue.look is None else (math.radians(cue.look[0]), math.radians(cue.look[1]))
+        self._neck = order(self._neck, time_s, cue.gesture or "look", look)
+
+    @property
+    def current(self) -> str:
+        """The character that plays, or comes."""
+        return self._current
+
+    @property
+    def neck(self) -> Record:
+        """What the head is told (dtype NECK)."""
+        return self._neck
+
+    @property
+    def show(self) -> ShowFile:
+        return self._show
+
+    @property
+    def characters(self) -> tuple[str, ...]:
+        """Those of the show file, then those who came while it runs."""
+        return tuple(self._characters)
 
     @property
     def _current(self) -> str:
@@ -126,7 +200,11 @@ class ShowEngine:
     def _character(self, wanted: str, current: str) -> str:
         names = self._characters
         step = {"next": 1, "previous": -1}.get(wanted)
-        return wanted if step is None else names[(names.index(current) + step) % len(names)]
+        if step is None:
+            return wanted
+        if current not in names:  # it left the show file while it played
+            return names[0]
+        return names[(names.index(current) + step) % len(names)]
 
     def _change_light(self, cue: Cue, time_s: float) -> None:
         if cue.brightness is not None:

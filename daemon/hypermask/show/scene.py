@@ -13,6 +13,9 @@ from hypermask.blackboard import Record
 from hypermask.face.action_units import COUNT
 from hypermask.face.expressions import Expression
 from hypermask.face.life import Life
+from hypermask.show.fades import brightness_at, characters_at, ease, progress
+
+__all__ = ["brightness_at", "characters_at", "ease", "progress"]
 
 Array = NDArray[np.float64]
 
@@ -45,20 +48,6 @@ SCENE = np.dtype(
         ("brightness_fade", FADE_FIELDS),
     ]
 )
-
-
-def progress(fade: Record, time_s: float) -> float:
-    """How far a fade has gone at `time_s`: 0 to 1, with a soft start and end (smoothstep)."""
-    duration = float(fade["duration_s"])
-    if duration <= 0:
-        return 1.0
-    return ease((time_s - float(fade["start_s"])) / duration)
-
-
-def ease(x: float) -> float:
-    """0 to 1, with a soft start and end."""
-    x = min(max(x, 0.0), 1.0)
-    return x * x * (3 - 2 * x)
 
 
 def show_expression(scene: Record, face: Expression, fade_s: float, time_s: float) -> None:
@@ -109,20 +98,6 @@ def _come(scene: Record, since_s: float) -> Array:
 def life_of(scene: Record) -> Life:
     """What a face does by itself while nothing is asked of it."""
     return Life(*(bool(scene["life"][name]) for name in ("blinks", "gaze", "breath")))
-
-
-def brightness_at(scene: Record, time_s: float) -> float:
-    """Brightness 0 to 1 at `time_s`."""
-    done = progress(scene["brightness_fade"], time_s)
-    return float(scene["previous_brightness"] * (1 - done) + scene["brightness"] * done)
-
-
-def characters_at(scene: Record, time_s: float) -> list[tuple[str, float]]:
-    """(name, opacity) of every character to draw at `time_s`; opacities sum to 1."""
-    done = progress(scene["character_fade"], time_s)
-    opacities = scene["previous_opacity"] * (1 - done) + scene["opacity"] * done
-    named = zip(scene["characters"].tolist(), opacities.tolist(), strict=True)
-    return [(name.decode(), opacity) for name, opacity in named if name and opacity > 0]
 
 
 def describe(scene: Record, time_s: float) -> str:

@@ -62,7 +62,18 @@ class Cue(Settings):
     brightness: float | None = Field(None, ge=0, le=1)
     brightness_step: float | None = Field(None, ge=-1, le=1)
     blackout: Literal["on", "off", "toggle"] | None = None
+    gesture: Literal["nod", "shake", "park"] | None = None
+    """What the head does, where the mask sits on a pan-tilt unit."""
+    look: tuple[float, float] | None = None
+    """Where the head looks, pan to the left and tilt up, degrees; a gesture ends there."""
     fade_s: float | None = Field(None, ge=0, le=60)
+
+    @field_validator("look")
+    @classmethod
+    def _in_range(cls, look: tuple[float, float] | None) -> tuple[float, float] | None:
+        if look is not None and not (abs(look[0]) <= 180 and abs(look[1]) <= 90):
+            raise ValueError("pan goes from -180 to 180 degrees, tilt from -90 to 90")
+        return look
 
 
 class Fades(Settings):

@@ -12,13 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.errors import DataError
 from hypermask.stage.layers import MeshLayer
-from hypermask.storage import write_atomically
 
 TEXTURE_GAMMA = 2.2
 VERSION = 1
@@ -60,6 +58,8 @@ def make_costume(
 def levels_of(rgba: NDArray[np.uint8], projector_gamma: float) -> Levels:
     """(H, W, 4) straight alpha -> premultiplied, corrected for the projector's gamma, halved
     again and again as OpenGL ES wants mipmaps."""
+    import cv2
+
     curve = np.round(255 * (np.arange(256) / 255) ** (TEXTURE_GAMMA / projector_gamma))
     alpha = rgba[..., 3:]
     colour = curve.astype(np.uint8)[rgba[..., :3]]
@@ -75,6 +75,8 @@ def levels_of(rgba: NDArray[np.uint8], projector_gamma: float) -> Levels:
 
 def mean_light(layer: MeshLayer) -> float:
     """Mean light, 0..1, of the part of a layer's texture that its triangles show."""
+    import cv2
+
     size = (_SMALL, _SMALL)
     small = cv2.resize(layer.texture, size, interpolation=cv2.INTER_AREA)
     shown = _shown(layer.uv.tobytes(), layer.triangles.tobytes())
@@ -97,6 +99,8 @@ _lasting: dict[int, tuple[MeshLayer, float]] = {}
 @functools.lru_cache(maxsize=16)
 def _shown(uv: bytes, triangles: bytes) -> NDArray[np.bool_]:
     """Which texels of a small texture the triangles cover."""
+    import cv2
+
     covered = np.zeros((_SMALL, _SMALL), np.uint8)
     places = np.frombuffer(uv, np.float32).reshape(-1, 2)
     corners = places[np.frombuffer(triangles, np.int32).reshape(-1, 3)]
@@ -107,6 +111,8 @@ def _shown(uv: bytes, triangles: bytes) -> NDArray[np.bool_]:
 
 def write_costume(costume: Costume, path: Path) -> None:
     """Raises `HypermaskError` DISK-WRITE."""
+    from hypermask.storage import write_atomically
+
     sizes = [(number, *levels[0].shape[:2]) for number, levels in costume.textures.items()]
     head = {
         "costume": VERSION,

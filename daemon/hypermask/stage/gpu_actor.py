@@ -53,7 +53,9 @@ class GpuMesh:
             layer.triangles + start for layer, start in zip(actor.layers, starts, strict=False)
         ]
         self._indices = context.buffer(np.concatenate(triangles).astype(np.uint32).tobytes())
-        self.arrays = [self._vertex_array(context, program) for program in programs]
+        self._context = context
+        self.arrays: list[moderngl.VertexArray] = []
+        self.serve(programs)
         self.parts: list[_Part] = []
         self._users = 0
         first = 0
@@ -63,11 +65,12 @@ class GpuMesh:
             self.parts.append(_Part(first, layer.triangles.size, vertices, normals))
             first += layer.triangles.size
 
-    def _vertex_array(
-        self, context: moderngl.Context, program: moderngl.Program
-    ) -> moderngl.VertexArray:
+    def serve(self, programs: Sequence[moderngl.Program]) -> None:
+        """Be ready to be drawn by these programs too."""
         content = [(self._stream, "4f", "in_vertex"), (self._uv, "2f", "in_uv")]
-        return context.vertex_array(program, content, index_buffer=self._indices)
+        for program in programs:
+            array = self._context.vertex_array(program, content, index_buffer=self._indices)
+            self.arrays.append(array)
 
     def check(self, key: str, positions: Sequence[Positions]) -> None:
         """Raises `DataError` STAGE-MESH unless there are positions (V, 3) for each layer."""

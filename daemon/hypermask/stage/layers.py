@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.errors import DataError
-from hypermask.mask import Mask
+
+if TYPE_CHECKING:
+    from hypermask.mask import Mask
 
 Positions = NDArray[np.float32]
 

@@ -16,26 +16,22 @@ from collections import defaultdict, deque
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field
-
-from hypermask.config import Settings
 
 
-class PacingSettings(Settings):
-    """Section `[stage.pacing]`.
-
-    window_frames: how many of the latest frames count; quantile: of their cost;
+@dataclass(frozen=True)
+class PacingSettings:
+    """window_frames: how many of the latest frames count; quantile: of their cost;
     target_misses: fraction of flips that the margin may end up missing;
     start_budget_s: before anything is known; margin_*_s: bounds and step of the margin.
     """
 
-    window_frames: int = Field(180, ge=10)
-    quantile: float = Field(0.98, gt=0.5, le=1)
-    target_misses: float = Field(0.001, gt=0, lt=0.01)
-    start_budget_s: float = Field(0.012, gt=0)
-    margin_start_s: float = Field(0.004, ge=0)
-    margin_floor_s: float = Field(0.0015, ge=0)
-    margin_step_s: float = Field(0.0015, gt=0)
+    window_frames: int = 180
+    quantile: float = 0.98
+    target_misses: float = 0.001
+    start_budget_s: float = 0.012
+    margin_start_s: float = 0.004
+    margin_floor_s: float = 0.0015
+    margin_step_s: float = 0.0015
 
 
 @dataclass

@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hypermask.errors import DataError
-from hypermask.mask import Mask
 from hypermask.stage import shaders
 from hypermask.stage.clip import View, view_of
 from hypermask.stage.costume import Costume, make_costume
-from hypermask.stage.eye_discs import eye_discs
 from hypermask.stage.gpu_actor import SINGLE, GpuActor, GpuMesh
 from hypermask.stage.layers import Actor, Positions
-from hypermask.stage.settings import StageSettings
 from hypermask.stage.textures import TextureStock
+
+if TYPE_CHECKING:
+    from hypermask.mask import Mask
+    from hypermask.stage.settings import StageSettings
 
 _OVER = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
 _DARKEN = (moderngl.ZERO, moderngl.ONE_MINUS_SRC_ALPHA)
@@ -52,36 +54,60 @@ class StageRenderer:
         size: tuple[int, int],
         mask: Mask,
         settings: StageSettings | None = None,
+        discs: NDArray[np.float32] | None = None,
+        whole: bool = True,
     ) -> None:
+        """discs: what `eye_discs` makes of the mask, where it is known already; whole: False where
+        one actor alone is drawn until `complete`, which makes the shaders of cross-fades."""
         self._context = context
         self._size = size
-        self._settings = settings or StageSettings()
+        self._settings = settings or _default_settings()
         self._actors: dict[str, GpuActor] = {}
         self._stock = TextureStock(context)
         self._scratch: moderngl.Framebuffer | None = None
         self._reported = False
-        self._discs = eye_discs(mask, self._settings)
+        self.discs = _eye_discs(mask, self._settings) if discs is None else discs
         with context:
-            self._programs = (
+            self._programs = [
                 context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_FRAGMENT),
                 context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_FRAGMENT),
-                context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_MIX_FRAGMENT),
-                context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_MIX_FRAGMENT),
-            )
+            ]
+            self._composite: moderngl.VertexArray | None = None
             self._disc_program = context.program(shaders.DISC_VERTEX, shaders.DISC_FRAGMENT)
-            self._composite = context.vertex_array(
-                context.program(shaders.COMPOSITE_VERTEX, shaders.COMPOSITE_FRAGMENT), []
-            )
             self._disc_array = self._upload_discs()
         for program in self._programs:
             self._set_outline(program, mask)
-        for program in self._programs[SINGLE:]:
-            uniform(program, "other").value = 1
+        if whole:
+            self.complete(mask)
 
-    def load(self, key: str, actor: Actor) -> None:
-        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time."""
+    def complete(self, mask: Mask) -> None:
+        """The shaders that draw two actors at once, if they are not there yet. Not within a
+        frame's time."""
+        if self._composite is not None:
+            return
+        context = self._context
+        with context:
+            mixing = [
+                context.program(shaders.ACTOR_VERTEX, shaders.OPAQUE_MIX_FRAGMENT),
+                context.program(shaders.ACTOR_VERTEX, shaders.TRANSPARENT_MIX_FRAGMENT),
+            ]
+            self._composite = context.vertex_array(
+                context.program(shaders.COMPOSITE_VERTEX, shaders.COMPOSITE_FRAGMENT), []
+            )
+            for mesh in {id(actor.mesh): actor.mesh for actor in self._actors.values()}.values():
+                mesh.serve(mixing)
+        for program in mixing:
+            self._set_outline(program, mask)
+            uniform(program, "other").value = 1
+        self._programs += mixing
+
+    def load(self, key: str, actor: Actor, costume: Costume | None = None) -> None:
+        """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time.
+
+        costume: of all its layers, where it is made already.
+        """
         with self._context:
-            costume = self.costume(actor)
+            costume = costume or self.costume(actor)
             mesh = GpuMesh(self._context, actor, self._programs)
             loaded = GpuActor(mesh, self._stock, costume)
             for _ in loaded.fill():
@@ -152,8 +178,8 @@ class StageRenderer:
             if not visible:
                 return
             parts = [part for item in visible for part in item.positions]
-            if len(self._discs):
-                parts.append(self._discs[:, :3])
+            if len(self.discs):
+                parts.append(self.discs[:, :3])
             try:
                 lights = [brightness, *(item.opacity for item in visible)]
                 if not np.isfinite(lights).all():
@@ -283,6 +309,7 @@ class StageRenderer:
         picture = scratch.color_attachments[0]
         assert isinstance(picture, moderngl.Texture)
         picture.use(0)
+        assert self._composite is not None
         self._composite.render(moderngl.TRIANGLES, vertices=3)
 
     def _draw_discs(self, matrix: bytes) -> None:
@@ -291,12 +318,12 @@ class StageRenderer:
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = _DARKEN
         uniform(self._disc_program, "clip_from_mask").write(matrix)
-        self._disc_array.render(moderngl.TRIANGLES, vertices=len(self._discs))
+        self._disc_array.render(moderngl.TRIANGLES, vertices=len(self.discs))
 
     def _upload_discs(self) -> moderngl.VertexArray | None:
-        if not len(self._discs):
+        if not len(self.discs):
             return None
-        buffer = self._context.buffer(self._discs.tobytes())
+        buffer = self._context.buffer(self.discs.tobytes())
         return self._context.vertex_array(self._disc_program, [(buffer, "4f", "in_vertex")])
 
     def _scratch_framebuffer(self) -> moderngl.Framebuffer:
@@ -319,3 +346,16 @@ def uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
     member = program[name]
     assert isinstance(member, moderngl.Uniform)
     return member
+
+
+def _default_settings() -> StageSettings:
+    """What needs these modules is loaded when it is used: a stage that starts has no time."""
+    from hypermask.stage.settings import StageSettings
+
+    return StageSettings()
+
+
+def _eye_discs(mask: Mask, settings: StageSettings) -> NDArray[np.float32]:
+    from hypermask.stage.eye_discs import eye_discs
+
+    return eye_discs(mask, settings)

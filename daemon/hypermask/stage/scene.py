@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hypermask.stage.settings import StageSettings
+if TYPE_CHECKING:
+    from hypermask.stage.settings import StageSettings
 
 Array = NDArray[np.float64]
 
@@ -24,7 +27,7 @@ class MaskFade:
     """
 
     def __init__(self, settings: StageSettings | None = None) -> None:
-        self._settings = settings or StageSettings()
+        self._settings = settings or _default_settings()
         self._phase = 0.0
         self._updated_s: float | None = None
 
@@ -51,9 +54,15 @@ def live_mouth(parameters: ArrayLike, age_s: float, settings: StageSettings | No
     Older than `mouth_stale_after_s` (the voice worker died, the microphone vanished) the mouth
     closes within `mouth_closing_s`. Values that are not finite close it at once.
     """
-    limits = settings or StageSettings()
+    limits = settings or _default_settings()
     values = np.asarray(parameters, float)
     if not (np.isfinite(values).all() and np.isfinite(age_s)):
         return np.zeros(values.shape)
     closed = smoothstep((age_s - limits.mouth_stale_after_s) / limits.mouth_closing_s)
     return np.asarray(values * (1 - closed))
+
+
+def _default_settings() -> StageSettings:
+    from hypermask.stage.settings import StageSettings
+
+    return StageSettings()

@@ -34,6 +34,7 @@ class Dpkg:
 
     def __init__(self, options: Sequence[str] = ()) -> None:
         self._options = tuple(options)
+        self._root = tuple(option for option in options if option.startswith("--root="))
 
     @property
     def elsewhere(self) -> bool:
@@ -126,11 +127,10 @@ class Dpkg:
         (folder / "control").write_text(_without(stanza, _NOT_IN_A_PACKAGE), "utf-8")
 
     def _query(self, *arguments: str) -> str:
-        return _run("dpkg-query", *self._options, *arguments).stdout
+        return _run("dpkg-query", *self._root, *arguments).stdout
 
     def _query_root(self) -> str:
-        roots = [option[7:] for option in self._options if option.startswith("--root=")]
-        return roots[-1] if roots else "/"
+        return self._root[-1].removeprefix("--root=") if self._root else "/"
 
 
 def newer(one: str, other: str) -> bool:

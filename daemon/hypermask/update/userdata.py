@@ -2,9 +2,9 @@
 
 Formats carry a version, and a program reads what older ones wrote. The other way round an old
 program can promise nothing about formats that did not exist. So before a version goes, what it
-could read is put aside (hard links: no copy, and every writer here replaces files instead of changing
-them); after a rollback whatever the old version cannot read comes back from there, and the newer
-file is kept beside it as NAME.newer.
+could read is put aside (hard links: no copy, and every writer here replaces files instead of
+changing them); after a rollback whatever the old version cannot read comes back from there, and
+the newer file is kept beside it as NAME.newer.
 
 `python3 -m hypermask.update.userdata [--mend FOLDER]` is how one version asks another one's code.
 """

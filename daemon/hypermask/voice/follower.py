@@ -93,6 +93,15 @@ class MouthFollower:
     def _waits_s(self) -> float:
         return self._ear.delay * self._ear.hop / RATE_HZ
 
+    def use(self, speaker: Speaker | None) -> None:
+        """From now on with what calibration learnt of this actor; all else that was heard of the
+        microphone and the room stays."""
+        ear = make_ear(self._settings, speaker)
+        if isinstance(self._ear, RecurrentEar) and isinstance(ear, RecurrentEar):
+            self._ear.network = ear.network
+        else:
+            self._ear = ear
+
     def feed(self, samples: NDArray[np.floating], time_s: float) -> list[MouthFrame]:
         """The frames that are complete with a block (n,) or (n, channels).
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from hypermask import paths
 from hypermask.errors import DataError
 from hypermask.storage import write_atomically
+from hypermask.voice import recurrent
 from hypermask.voice.recurrent import LOOKAHEADS, UNITS, Recurrent
 from hypermask.voice.visemes import CLASSES
 
@@ -69,6 +70,7 @@ def save(speaker: Speaker) -> Path:
         paper_net=np.array(speaker.paper_net or ""),
         correction=correction,
         sha256=np.array(_digest(correction)),
+        network=np.array(_network()),
     )
     write_atomically(path, buffer.getvalue())
     write_atomically(folder() / CURRENT, f"{path.name}\n".encode())
@@ -82,12 +84,15 @@ def load(path: Path) -> Speaker:
             version, correction = int(stored["version"]), stored["correction"]
             speaker = Speaker(str(stored["name"]), str(stored["paper_net"]) or None, correction)
             sound = str(stored["sha256"]) == _digest(correction)
+            network = str(stored["network"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise _unusable(path, f"it cannot be read ({error})") from error
     if version != VERSION or correction.shape != _SHAPE:
         raise _unusable(path, "it is of another version of the program")
     if not sound or not np.isfinite(correction).all():
         raise _unusable(path, "its check sum is wrong")
+    if network != _network():
+        raise _unusable(path, "it was learnt with another voice network")
     return speaker
 
 
@@ -133,6 +138,12 @@ def _files() -> list[Path]:
 
 def _digest(correction: NDArray[np.float32]) -> str:
     return hashlib.sha256(correction.astype(np.float32).tobytes()).hexdigest()
+
+
+def _network() -> str:
+    """Of the network as shipped: a correction fits that one only."""
+    data = Path(recurrent.__file__).parent / "data" / "default.npz"
+    return hashlib.sha256(data.read_bytes()).hexdigest()
 
 
 def _unusable(path: Path, why: str) -> DataError:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from hypermask.blackboard import LocalTopic, SharedTopic, Topic
+from hypermask.blackboard import LocalTopic, ReadTopic, SharedTopic, Topic
 from hypermask.loudspeaker.offset import LIP_SYNC
 from hypermask.neck.record import HEAD, NECK
 from hypermask.show.scene import SCENE
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
+from hypermask.workers.lesson_record import LESSON, LESSON_RESULT
 
 KEPT = 200_000
 """How many of its latest figures a worker remembers, so that a long night does not fill memory."""
@@ -56,12 +57,53 @@ WARDROBE = np.dtype(
 )
 CURTAIN = np.dtype([("dressed", "<i8")])  # the last version that can be drawn
 
+WORDS = np.dtype([("time_s", "<f8"), ("mode", "S24"), ("words", "S160")])
+MACHINE = np.dtype(
+    [
+        ("time_s", "<f8"),
+        # Of each device: none (this machine has no such), ready, lost.
+        ("power", "S8"),
+        ("volts", "<f8"),
+        ("amps", "<f8"),
+        ("charge", "<f8"),  # 0 to 1, NaN where the monitor cannot tell
+        ("level", "S16"),  # good, low, critical, unknown
+        ("lamp", "S8"),
+        ("lamp_on", "?"),
+        ("lamp_c", "<f8"),  # NaN where it does not say
+        ("lamp_faults", "S96"),
+        ("temperature_c", "<f8"),  # of the processor, NaN where the kernel does not say
+        ("throttled", "<u4"),  # the firmware's flags, see workers.thermal
+        ("throttling_known", "?"),
+        ("usb_resets", "<i4"),
+        ("key", "S16"),  # the key that was last pressed, and when
+        ("key_s", "<f8"),
+    ]
+)
+
+LAYOUTS: dict[str, np.dtype[np.void]] = {
+    "track": TRACK,
+    "mouth": MOUTH,
+    "scene": SCENE,
+    "pace": PACE,
+    "wardrobe": WARDROBE,
+    "curtain": CURTAIN,
+    "lip_sync": LIP_SYNC,
+    "neck": NECK,
+    "head": HEAD,
+    "words": WORDS,
+    "machine": MACHINE,
+    "lesson": LESSON,
+    "lesson_result": LESSON_RESULT,
+}
+"""Every topic by its name, which is its file's and its field's in `Board` too."""
+
 
 @dataclass(frozen=True)
 class Board:
-    """track: by the tracker; mouth: by the voice; scene and neck: by the show; pace, curtain and
-    lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in the folder; head: by
-    the pan-tilt worker."""
+    """track: by the tracker; mouth: by the voice; scene, neck, words and machine: by the show;
+    pace, curtain and lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in the
+    folder; head: by the pan-tilt worker; lesson: by whoever teaches the voice, lesson_result: by
+    the voice."""
 
     track: Topic
     mouth: Topic
@@ -72,26 +114,24 @@ class Board:
     lip_sync: Topic
     neck: Topic
     head: Topic
+    words: Topic
+    machine: Topic
+    lesson: Topic
+    lesson_result: Topic
     folder: Path | None = None
 
     @staticmethod
     def local(folder: Path | None = None) -> Board:
-        track, mouth, scene, pace = (LocalTopic() for _ in range(4))
-        wardrobe, curtain, lip_sync, neck, head = (LocalTopic() for _ in range(5))
-        return Board(track, mouth, scene, pace, wardrobe, curtain, lip_sync, neck, head, folder)
+        return Board(folder=folder, **{name: LocalTopic() for name in LAYOUTS})
 
     @staticmethod
     def shared(folder: Path) -> Board:
         """Memory-mapped files in `folder` (on the appliance /run/hypermask)."""
-        return Board(
-            SharedTopic(folder / "track", TRACK),
-            SharedTopic(folder / "mouth", MOUTH),
-            SharedTopic(folder / "scene", SCENE),
-            SharedTopic(folder / "pace", PACE),
-            SharedTopic(folder / "wardrobe", WARDROBE),
-            SharedTopic(folder / "curtain", CURTAIN),
-            SharedTopic(folder / "lip_sync", LIP_SYNC),
-            SharedTopic(folder / "neck", NECK),
-            SharedTopic(folder / "head", HEAD),
-            folder,
-        )
+        topics = {name: SharedTopic(folder / name, dtype) for name, dtype in LAYOUTS.items()}
+        return Board(folder=folder, **topics)
+
+    @staticmethod
+    def reading(folder: Path) -> Board:
+        """For somebody who only looks: makes no file and needs no right to write."""
+        topics = {name: ReadTopic(folder / name, dtype) for name, dtype in LAYOUTS.items()}
+        return Board(folder=folder, **topics)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 
 import cv2
 import numpy as np
@@ -18,12 +18,11 @@ from hypermask.mask import Mask
 from hypermask.stage.costume import Costume
 from hypermask.stage.layers import Positions, dots_actor
 from hypermask.stage.renderer import DrawItem, StageRenderer
+from hypermask.workers.costumes import WORN
 
 DOTS = "dots"
 """The test character: coloured dots at known points of the mask's surface."""
 
-WORN = ("skin", "eyes")
-"""The layers whose textures differ from face to face; teeth, tongue and throat are everybody's."""
 _MODEL = "."
 """Key of an actor that is never drawn: what all faces have in common is borrowed from it."""
 _SPARE_SIZES = ((512, 512), (1024, 1024), (320, 112))
@@ -36,7 +35,8 @@ class Cast:
     """
 
     def __init__(self, sources: Mapping[str, str], mask: Mask, renderer: StageRenderer) -> None:
-        """sources: name on the stage -> name or folder of the character."""
+        """sources: name on the stage -> name or folder of the character; without any, `lend` comes
+        first, and characters join one by one."""
         self._renderer = renderer
         self._names: list[str] = []
         self._dots: tuple[Positions, ...] = ()
@@ -54,20 +54,36 @@ class Cast:
                     pass
             self._names.append(name)
         renderer.reserve(_SPARE_SIZES if self._face else ())
-        self._first = self._names[0]
+        self._first = self._names[0] if self._names else ""
+
+    def lend(self, face: Face, common: Costume | None = None) -> None:
+        """All who join are dressed on this face's mesh. common: its own costume, None where the
+        renderer has it already. Not within a frame's time."""
+        self._face = face
+        if common is not None:
+            self._renderer.load(_MODEL, face.actor, common)
+
+    def reserve(self) -> None:
+        """Have room for those who come during the show. Not within a frame's time."""
+        self._renderer.reserve(_SPARE_SIZES)
+
+    def adopt(self, name: str) -> None:
+        """One whom the renderer has dressed already."""
+        self._first = self._first or name
+        if name not in self._names:
+            self._names.append(name)
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(self._names)
 
-    def join(self, name: str, costume: Costume) -> Iterator[None]:
+    def join(self, name: str, costume: Costume) -> Generator[None, None, None]:
         """Dress one more character, or an old one anew, a little at each step; after the last one
         it can be drawn. Raises `DataError` STAGE-KEY in a show without faces."""
         if self._face is None:
             raise DataError("STAGE-KEY", "this show has no faces", "Choose another character.")
         yield from self._renderer.dress(name, _MODEL, costume)
-        if name not in self._names:
-            self._names.append(name)
+        self.adopt(name)
 
     def leave(self, name: str) -> None:
         """One that joined leaves."""
@@ -89,7 +105,7 @@ class Cast:
         first of the cast plays.
         """
         known = [(name, opacity) for name, opacity in wanted if name in self._names]
-        known = known or [(self._first, 1.0)]
+        known = known or [(self._first, 1.0)] * bool(self._first)
         total = sum(opacity for _, opacity in known)
         places = self._pose(units, mouth, time_s, life)
         return tuple(

@@ -23,7 +23,7 @@ from hypermask.stage.settings import StageSettings
 from hypermask.texture.build import build_character, warm_up
 from hypermask.workers import orders
 from hypermask.workers.board import KEPT, WARDROBE, Board
-from hypermask.workers.cast import WORN
+from hypermask.workers.costumes import WORN
 from hypermask.workers.retry import Report
 from hypermask_drivers.clock import Clock
 

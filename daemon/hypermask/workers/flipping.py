@@ -2,34 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sized
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import moderngl
 
 from hypermask.stage.pacing import Pacer
 from hypermask.workers.retry import Kept
-from hypermask.workers.stage import Picture, StageWorker
 from hypermask_drivers.clock import Clock
 from hypermask_drivers.projector import Projector
 
 
+class Drawable(Protocol):
+    """What one frame shows."""
+
+    @property
+    def items(self) -> Sized:
+        """Empty for black."""
+        ...
+
+
+P = TypeVar("P", bound=Drawable)
+
+
+class Drawing(Protocol[P]):
+    """A stage as its flips see it; see `workers.stage.StageWorker`."""
+
+    def load(self, light_s: float) -> int: ...
+
+    def announce(self, flip_s: float, latch_lead_s: float) -> None: ...
+
+    def latch(self, now_s: float, light_s: float) -> P: ...
+
+    def draw(self, framebuffer: moderngl.Framebuffer, picture: P) -> None: ...
+
+
 @dataclass(frozen=True)
-class Shown:
+class Shown(Generic[P]):
     """A flip that took place. planned_s: when it should have; next_s: when the next one may."""
 
-    picture: Picture
+    picture: P
     planned_s: float
     shown_s: float
     missed: int
     next_s: float | None
 
 
-class Flipper:
+class Flipper(Generic[P]):
     """Plays a stage on a projector that comes and goes."""
 
     def __init__(
         self,
         projector: Kept[Projector],
-        stage: StageWorker,
+        stage: Drawing[P],
         clock: Clock,
         pacer: Pacer,
         light_delay_s: float,
@@ -37,7 +63,7 @@ class Flipper:
         self._projector, self._stage, self._clock = projector, stage, clock
         self.pacer, self._light_delay_s = pacer, light_delay_s
 
-    def flip(self) -> Shown | None:
+    def flip(self) -> Shown[P] | None:
         """One flip; None where the projector was not there for it."""
         clock, stage, projector = self._clock, self._stage, self._projector
         flip_s = projector.use(lambda device: device.next_flip_s())
@@ -67,6 +93,3 @@ class Flipper:
         """Time until the next frame must be begun."""
         load = self._stage.load(next_flip_s + self._light_delay_s)
         return next_flip_s - self.pacer.budget_s(load) - self._clock.now()
-
-
-Spare = Callable[[float], None]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hypermask.blackboard import Record, SharedTopic
+from hypermask.blackboard import ReadTopic, Record, SharedTopic
 from hypermask.errors import HypermaskError
 from hypermask_drivers.clock import Clock
 
@@ -63,10 +63,17 @@ class Health:
         self.record["pid"], self.record["started_s"] = os.getpid(), clock.now()
         self.record["state"] = b"starting"
 
-    def worked(self, latency_s: float | None = None, missed: int = 0, steps: int = 1) -> None:
-        """Work was done; latency_s: how long it took, or how late it was."""
+    def worked(
+        self,
+        latency_s: float | None = None,
+        missed: int = 0,
+        steps: int = 1,
+        first: bool = True,
+    ) -> None:
+        """Work was done; latency_s: how long it took, or how late it was; first: whether it may
+        count as the first of its kind."""
         record, now_s = self.record, self._clock.now()
-        if not record["steps"]:
+        if first and not record["first_s"]:
             record["first_s"] = now_s
         record["work_s"] = now_s
         record["steps"] += steps
@@ -108,7 +115,7 @@ class Healths:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._topics: dict[str, SharedTopic] = {}
+        self._topics: dict[str, ReadTopic] = {}
 
     def all(self) -> dict[str, Record]:
         """By the worker's name, of those that ever began on this blackboard."""
@@ -116,7 +123,7 @@ class Healths:
             name = path.name.removeprefix(PREFIX)
             if name not in self._topics:
                 try:
-                    self._topics[name] = topic(self._folder, name)
+                    self._topics[name] = ReadTopic(path, HEALTH)
                 except HypermaskError:
                     continue  # another version's: whoever owns it makes it anew
         found = {name: one.latest() for name, one in sorted(self._topics.items())}

@@ -53,6 +53,9 @@ def _scheduled(priority: int) -> str:
 
 
 def _nice(nice: int) -> str:
+    with contextlib.suppress(OSError):
+        if os.sched_getscheduler(0) != os.SCHED_OTHER:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     try:
         os.setpriority(os.PRIO_PROCESS, 0, nice)
     except OSError:

@@ -31,6 +31,11 @@ class Kept(Generic[D]):
         self.tries = 0
         """How often opening was tried: whoever keeps trying is not hung."""
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether the device is open, without trying."""
+        return self.device.state is DeviceState.READY
+
     def ready(self) -> bool:
         """True when the device is open; tries to open it when the last try is a second ago."""
         if self.device.state is DeviceState.READY:

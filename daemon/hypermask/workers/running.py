@@ -32,8 +32,16 @@ def announced(board: Path) -> Iterator[None]:
 
 
 def running_board() -> Path:
-    """The blackboard's folder of the running show. Raises `DataError` SHOW-NONE."""
-    link = paths.run() / _LINK
-    if not (link / "scene").is_file():
-        raise DataError("SHOW-NONE", "no show is running on this machine", "Start one.")
-    return link.resolve()
+    """The blackboard's folder of the running show: of a rehearsal, else of the services, also when
+    they have died. Raises `DataError` SHOW-NONE."""
+    for folder in (paths.run() / _LINK, paths.run() / "board"):
+        try:
+            if (folder / "scene").is_file():
+                return folder.resolve()
+        except PermissionError as error:
+            raise DataError(
+                "BOARD-RIGHTS",
+                f"{folder} may not be looked at",
+                "Join the group hypermask (adduser YOU hypermask, and log in again), or use sudo.",
+            ) from error
+    raise DataError("SHOW-NONE", "no show is running on this machine", "Start one.")

@@ -122,18 +122,33 @@ class StageWorker:
         period_s: float,
         settings: StageSettings,
         loudspeaker: Loudspeaker | None = None,
+        fade: MaskFade | None = None,
     ) -> None:
-        """loudspeaker: with it, how far mouth and sound lie apart is published each second."""
+        """loudspeaker: with it, how far mouth and sound lie apart is published each second; fade:
+        of the stage that this one takes over from."""
         self._renderer, self._cast = renderer, cast
         self._lip_sync = None if loudspeaker is None else LipSyncMeter(loudspeaker)
         self._lip_sync_s = -np.inf
         self._arousal_now, self._aroused_s = USUAL_AROUSAL, 0.0
         self._mapping, self._reader, self._board = mapping, reader, board
-        self._fade = MaskFade(settings)
+        self._fade = fade or MaskFade(settings)
         self._settings = settings
         self._period_s = period_s
         self.compute_s: deque[float] = deque(maxlen=KEPT)
         self._latch_s = 0.0
+        self._alone: tuple[Record, float] | None = None
+
+    def play_alone(self, scene: Record, from_s: float) -> None:
+        """What to show from clock time `from_s` on when no show ever said anything."""
+        self._alone = scene, from_s
+
+    def remap(self, mapping: Mapping) -> None:
+        """From the next frame on another calibration holds."""
+        self._mapping = mapping
+
+    @property
+    def reader(self) -> TrackReader:
+        return self._reader
 
     def load(self, light_s: float) -> int:
         """How many characters the frame of that light is going to show, by all that is known."""
@@ -144,6 +159,8 @@ class StageWorker:
         """What the frame whose light leaves at `light_s` shows, by all that is known now."""
         began = time.perf_counter()
         track, scene = self._reader.refresh(), self._board.scene.latest()
+        if scene is None and self._alone is not None and now_s >= self._alone[1]:
+            scene = self._alone[0]
         seen_s = float(track["seen_s"]) if track is not None else -np.inf
         visible = self._fade.update(now_s, seen_s if np.isfinite(seen_s) else None)
         if scene is None or visible <= 0:

@@ -7,7 +7,7 @@ GPU in slices of 0.1 ms, in the time that is left between two frames.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 
 import numpy as np
 
@@ -29,8 +29,14 @@ class Wings:
         self._cast, self._board, self._report = cast, board, report
         self._started = 0
         self._ready = 0
-        self._steps: Iterator[None] | None = None
+        self._steps: Generator[None, None, None] | None = None
         self._guests: list[str] = []
+
+    def abandon(self) -> None:
+        """Whoever is being dressed stays away; before the context goes."""
+        if self._steps is not None:
+            self._steps.close()
+            self._steps = None
 
     def work(self, now_s: float, spare_s: float) -> None:
         """Dress who waits for at most `spare_s`; what is not done goes on next time.
@@ -57,7 +63,7 @@ class Wings:
         self._steps = self._dress(name, file)
         return True
 
-    def _dress(self, name: str, file: str) -> Iterator[None]:
+    def _dress(self, name: str, file: str) -> Generator[None, None, None]:
         assert self._board.folder is not None
         costume = read_costume(self._board.folder / file)
         yield

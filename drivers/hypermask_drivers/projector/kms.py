@@ -11,9 +11,9 @@ import errno
 import logging
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import moderngl
-from pydantic import Field
 
 from hypermask_drivers.clock import Clock, RealClock
 from hypermask_drivers.device import DeviceState
@@ -29,32 +29,14 @@ from hypermask_drivers.projector.kms_console import (
     silence_console,
 )
 from hypermask_drivers.projector.kms_output import Output, card_paths, find_connector
-from hypermask_drivers.settings import Settings
+
+if TYPE_CHECKING:
+    from hypermask_drivers.projector.kms_settings import KmsSettings
 
 _log = logging.getLogger(__name__)
 
 _FLIP_TIMEOUT_S = 1.0
 _AWAY = ("PRJ-ABSENT", "PRJ-MASTER")
-
-
-class KmsSettings(Settings):
-    """What is asked of the projector.
-
-    card: /dev/dri/by-path/...-card, None for the first with a display. connector: as in
-    /sys/class/drm ("HDMI-A-1"). mode: "1280x720", "1280x720@60" or a modeline, None for the
-    display's preferred one. force: give the signal also while no display answers. lag_ms: from the
-    flip to the first line's light, the projector's own delay. brightness, gamma: the card's table.
-    silence_console: keep the kernel's text off the projector.
-    """
-
-    card: str | None = None
-    connector: str | None = None
-    mode: str | None = None
-    force: bool = False
-    lag_ms: float = Field(default=17.0, ge=0)
-    brightness: float = Field(default=1.0, ge=0, le=1)
-    gamma: float = Field(default=1.0, gt=0, le=4)
-    silence_console: bool = True
 
 
 class KmsProjector(Projector):
@@ -74,7 +56,7 @@ class KmsProjector(Projector):
     ) -> None:
         """open_card, make_screen: where a test puts a card and buffers made of Python."""
         super().__init__()
-        self.settings = settings or KmsSettings()
+        self.settings = settings or _default_settings()
         self._clock = clock or RealClock()
         self._open_path, self._make_screen = open_card, make_screen
         self._card: Card | None = None
@@ -435,3 +417,10 @@ class KmsProjector(Projector):
 
 def _absent(error: DeviceError) -> DeviceAbsent:
     return DeviceAbsent(error.code, error.what, error.remedy)
+
+
+def _default_settings() -> KmsSettings:
+    """Loaded where it is needed: a stage that starts brings its settings and has no time."""
+    from hypermask_drivers.projector.kms_settings import KmsSettings
+
+    return KmsSettings()

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from hypermask_drivers.clock import Clock, VirtualClock
+from hypermask_drivers.clock import Clock, RealClock, VirtualClock
 from hypermask_drivers.device import DeviceState
 from hypermask_drivers.errors import DeviceError
 from hypermask_drivers.projector import Projector, ProjectorMode
 from hypermask_drivers.projector.gles import create_context
+
+if TYPE_CHECKING:
+    from hypermask_drivers.projector.offscreen_settings import OffscreenSettings
 
 Picture = NDArray[np.uint8]
 
@@ -105,6 +108,8 @@ class OffscreenProjector(Projector):
 
     def read_picture(self) -> Picture:
         """What is in the framebuffer: (height, width, 3) RGB, row 0 the TOP row."""
+        import cv2
+
         with self.context:
             data = self.framebuffer.read(components=4)  # GLES promises RGBA only
         rows = np.frombuffer(data, np.uint8).reshape(self._mode.height, self._mode.width, 4)
@@ -120,6 +125,21 @@ class OffscreenProjector(Projector):
 
     def _flip_time(self, flip: int) -> float:
         return self._phase_s + flip / self._mode.rate_hz
+
+
+class Offscreen(OffscreenProjector):
+    """The driver "offscreen": for a machine without a display, and for measurements."""
+
+    def __init__(
+        self, settings: OffscreenSettings | None = None, clock: Clock | None = None
+    ) -> None:
+        if settings is None:
+            from hypermask_drivers.projector.offscreen_settings import OffscreenSettings
+
+            settings = OffscreenSettings()
+        light_s = settings.lag_ms * 1e-3 + 0.5 / settings.rate_hz
+        mode = ProjectorMode(settings.width, settings.height, settings.rate_hz, light_s)
+        super().__init__(mode, clock or RealClock())
 
 
 def _closed() -> DeviceError:

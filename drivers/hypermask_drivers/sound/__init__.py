@@ -13,12 +13,14 @@ from hypermask_drivers.device import Device
 
 @dataclass(frozen=True)
 class SoundBlock:
-    """samples: (n,) float32, full scale 1.0; time_s: when the first one was heard, by the clock."""
+    """samples: (n,) float32, full scale 1.0; time_s: when the first one was heard, by the clock;
+    broken: how many of the samples were no numbers and stand here as 0."""
 
     samples: NDArray[np.float32]
     rate_hz: float
     time_s: float
     overruns: int  # blocks lost before this one since `open`
+    broken: int = 0
 
 
 class SoundIn(Device):

@@ -263,7 +263,7 @@ class AlsaSoundIn(SoundIn):
         self._count_lost(time_s, missing_s)
         self._read_frames += len(samples)
         self._next_s = time_s + len(samples) / self._rate_hz
-        return SoundBlock(samples, self._rate_hz, time_s, self._lost_blocks)
+        return SoundBlock(samples, self._rate_hz, time_s, self._lost_blocks, broken)
 
     def _count_lost(self, time_s: float, missing_s: float) -> None:
         """After an overrun, or where sound is missing without one: how many blocks went."""

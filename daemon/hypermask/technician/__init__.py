@@ -1,0 +1,1 @@
+"""What a technician over SSH sees and does: state, checks, devices, journal, bundle."""
