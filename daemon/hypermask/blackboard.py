@@ -56,20 +56,21 @@ class LocalTopic:
 class SharedTopic:
     """A topic in a memory-mapped file; one writer process, any number of readers.
 
-    Raises `HypermaskError` BOARD-LAYOUT when the file was made by another version of the program.
+    Raises `HypermaskError` BOARD-LAYOUT when the file was made by another version of the program,
+    DISK-WRITE when there is no room for it.
     """
 
     def __init__(self, path: Path, dtype: np.dtype[np.void]) -> None:
         self._dtype = dtype
         size = _HEADER.itemsize + dtype.itemsize
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o640)
         try:
-            if os.fstat(descriptor).st_size < size:
-                os.ftruncate(descriptor, size)
-            self._map = mmap.mmap(descriptor, size)
-        finally:
-            os.close(descriptor)
+            self._map = _mapped(path, size)
+        except OSError as error:
+            raise HypermaskError(
+                "DISK-WRITE",
+                f"cannot make {path}: {error.strerror or error}",
+                "Free some space there or check the folder's rights.",
+            ) from error
         self._header = np.frombuffer(self._map, _HEADER, count=1)
         self._body = np.frombuffer(self._map, dtype, count=1, offset=_HEADER.itemsize)
         self._claim(path)
@@ -161,6 +162,18 @@ def _other_version(path: Path) -> HypermaskError:
         f"{path} was made by another version of the program",
         "Stop every hypermask process and remove the file.",
     )
+
+
+def _mapped(path: Path, size: int) -> mmap.mmap:
+    """A file of at least `size` bytes in memory. Its pages are there: on a full disk, writing to
+    one that is not would kill the process (SIGBUS)."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+    try:
+        os.posix_fallocate(descriptor, 0, size)
+        return mmap.mmap(descriptor, size)
+    finally:
+        os.close(descriptor)
 
 
 def _layout_number(dtype: np.dtype[np.void]) -> int:
