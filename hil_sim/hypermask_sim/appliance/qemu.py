@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shutil
 import socket
 import subprocess
@@ -27,7 +28,11 @@ from hypermask_drivers.errors import HypermaskError
 from hypermask_sim.appliance.guest import PORT_NAME
 from hypermask_sim.appliance.image import Image
 
-_KERNEL_LINE = "root=/dev/vda rw console=ttyS0 quiet systemd.show_status=false"
+_KERNEL_LINE = (
+    "root=/dev/vda rw console=ttyS0 quiet loglevel=3 systemd.show_status=false"
+    " vt.global_cursor_default=0"
+)
+_SOCKETS = ("agent.sock", "qmp.sock", "watch.sock")
 _USB = "usb"
 KEYPAD = {"driver": "usb-kbd", "id": "keypad", "bus": f"{_USB}.0"}
 PTU = {"driver": "usb-serial", "id": "ptu", "chardev": "ptu", "bus": f"{_USB}.0"}
@@ -85,6 +90,7 @@ class Machine:
             "-device", "virtio-rng-pci", "-device", "virtio-serial-pci",
             "-device", f"virtserialport,chardev=agent,name={PORT_NAME}",
             "-qmp", f"unix:{work / 'qmp.sock'},server=on,wait=off",
+            "-qmp", f"unix:{work / 'watch.sock'},server=on,wait=off",
             "-virtfs", f"local,path={work},mount_tag=host,security_model=none,id=host",
             "-virtfs", f"local,path={self.source},mount_tag=source,security_model=none,"
             "readonly=on,id=source",
@@ -93,7 +99,7 @@ class Machine:
 
     def _pace(self) -> list[str]:
         if self.instruction_ns is None:
-            return []
+            return ["-smp", str(os.cpu_count() or 1)]
         return ["-icount", f"shift={self.instruction_ns.bit_length() - 1},align=off,sleep=on"]
 
     def _ptu(self) -> list[str]:
@@ -126,9 +132,8 @@ class VirtualCart:
             )
         self.machine = machine
         machine.work.mkdir(parents=True, exist_ok=True)
-        for name in ("agent.sock", "qmp.sock"):
+        for name in _SOCKETS:
             (machine.work / name).unlink(missing_ok=True)
-        self.events: list[dict[str, Any]] = []
         self._request = 0
         self._log = (machine.work / "qemu.log").open("wb")
         self._process = subprocess.Popen(
@@ -136,8 +141,7 @@ class VirtualCart:
         )
         try:
             self._agent = self._lines("agent.sock")
-            self._qmp = self._lines("qmp.sock")
-            self._greet()
+            self._monitor = Monitor(self._lines("qmp.sock"))
         except BaseException:
             self.power_cut()
             raise
@@ -156,34 +160,25 @@ class VirtualCart:
                 )
             time.sleep(0.05)
 
-    def _greet(self) -> None:
-        self._qmp.receive(20)
-        self.monitor("qmp_capabilities")
-
     # From outside
 
     def monitor(self, command: str, **arguments: Any) -> Any:
         """A command of QEMU's monitor protocol. Raises `HypermaskError` APL-MONITOR."""
-        self._qmp.send({"execute": command, "arguments": arguments})
-        while True:
-            answer = self._qmp.receive(60)
-            if "return" in answer:
-                return answer["return"]
-            if "error" in answer:
-                raise HypermaskError(
-                    "APL-MONITOR", f"{command}: {answer['error']['desc']}", "Check the command."
-                )
-            self.events.append(answer)
+        return self._monitor.run(command, **arguments)
 
     def wait_event(self, name: str, timeout_s: float) -> dict[str, Any]:
         """The next event of that name, or one that was seen already. Raises `TimeoutError`."""
-        deadline = time.monotonic() + timeout_s
-        while True:
-            for event in self.events:
-                if event.get("event") == name:
-                    self.events.remove(event)
-                    return event
-            self.events.append(self._qmp.receive(deadline - time.monotonic()))
+        return self._monitor.wait_event(name, timeout_s)
+
+    def second_monitor(self) -> Monitor:
+        """Another connection, for another thread."""
+        return Monitor(self._lines("watch.sock"))
+
+    def screenshot(self, name: str = "screen") -> NDArray[np.uint8]:
+        """What the display shows: (height, width, 3) RGB, row 0 at the top; kept as a PNG."""
+        picture = self._monitor.screenshot(self.machine.work / f"{name}.ppm")
+        cv2.imwrite(str(self.machine.work / f"{name}.png"), picture[..., ::-1])
+        return picture
 
     def press(self, key: str, hold_s: float = 0.2) -> None:
         """A key of the USB keypad goes down and up again, by its name in `QCODES`."""
@@ -198,17 +193,6 @@ class VirtualCart:
 
     def plug(self, device: dict[str, str]) -> None:
         self.monitor("device_add", **device)
-
-    def screenshot(self, name: str = "screen") -> NDArray[np.uint8]:
-        """What the display shows: (height, width, 3) RGB, row 0 at the top; kept as a PNG."""
-        path = self.machine.work / f"{name}.ppm"
-        self.monitor("screendump", filename=str(path))
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if picture is None:
-            raise HypermaskError("APL-SCREEN", "the display has no picture", "Is there a mode?")
-        cv2.imwrite(str(path.with_suffix(".png")), picture)
-        path.unlink()
-        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
     def power_cut(self) -> None:
         """As if the plug was pulled. May be called again."""
@@ -261,6 +245,54 @@ class VirtualCart:
         trace: TracebackType | None,
     ) -> None:
         self.power_cut()
+
+
+class Monitor:
+    """A connection to QEMU's monitor. Commands raise `HypermaskError` APL-MONITOR."""
+
+    def __init__(self, lines: _Lines) -> None:
+        self._lines = lines
+        self._events: list[dict[str, Any]] = []
+        lines.receive(20)
+        self.run("qmp_capabilities")
+
+    def run(self, command: str, **arguments: Any) -> Any:
+        self._lines.send({"execute": command, "arguments": arguments})
+        while True:
+            answer = self._lines.receive(60)
+            if "return" in answer:
+                return answer["return"]
+            if "error" in answer:
+                raise HypermaskError(
+                    "APL-MONITOR", f"{command}: {answer['error']['desc']}", "Check the command."
+                )
+            self._events.append(answer)
+
+    def human(self, line: str) -> str:
+        """What the monitor for humans answers."""
+        return str(self.run("human-monitor-command", **{"command-line": line}))
+
+    def wait_event(self, name: str, timeout_s: float) -> dict[str, Any]:
+        """The next event of that name, or one that was seen already. Raises `TimeoutError`."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            for event in self._events:
+                if event.get("event") == name:
+                    self._events.remove(event)
+                    return event
+            self._events.append(self._lines.receive(deadline - time.monotonic()))
+
+    def forget_events(self) -> None:
+        self._events.clear()
+
+    def screenshot(self, path: Path) -> NDArray[np.uint8]:
+        """(height, width, 3) RGB, row 0 at the top. Raises `HypermaskError` APL-SCREEN."""
+        self.run("screendump", filename=str(path))
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        path.unlink(missing_ok=True)
+        if picture is None:
+            raise HypermaskError("APL-SCREEN", "the display has no picture", "Is there a mode?")
+        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 class _Lines:
