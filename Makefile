@@ -5,7 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 MODELS := build/models/.ready
-DEMO := build/demo
+MACHINE ?= cart
+DEMO := build/demo$(if $(filter-out cart,$(MACHINE)),-$(MACHINE))
+SCENARIO := configs/scenarios/$(if $(filter-out cart,$(MACHINE)),$(MACHINE),demo).toml
 # Small linear algebra gets slower with BLAS threads.
 export OPENBLAS_NUM_THREADS := 1
 
@@ -32,8 +34,8 @@ $(MODELS): daemon/hypermask/texture/models.py | $(READY)
 	$(BIN)/python -m hypermask.texture.models --out build/models
 	@touch $@
 
-demo: $(READY) $(MODELS) ## play a whole simulated show into build/demo: video, pictures, report
-	$(BIN)/hypermask rehearse configs/scenarios/demo.toml --out $(DEMO)
+demo: $(READY) $(MODELS) ## play a whole simulated show into build/demo: video, pictures, report; MACHINE=maskbot: on a Mask-bot
+	$(BIN)/hypermask rehearse $(SCENARIO) --out $(DEMO)
 	@echo "Look at $(DEMO)/show.mp4 and $(DEMO)/contact-sheet.png; figures in $(DEMO)/report.json"
 
 test: $(READY) $(MODELS) ## run the tests (under 10 minutes on 2 cores)

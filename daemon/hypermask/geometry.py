@@ -1,4 +1,4 @@
-"""Rigid transforms and the pinhole camera. Units: metres, radians, seconds, pixels.
+"""Rigid transforms, pinhole and fisheye lenses. Units: metres, radians, seconds, pixels.
 
 Frames
 ------
@@ -74,6 +74,32 @@ class Pinhole:
         image = np.asarray(points, float) @ self.matrix.T
         projected: Array = image[..., :2] / image[..., 2:]
         return projected
+
+
+@dataclass(frozen=True)
+class Fisheye:
+    """A fisheye lens: K (3, 3), coefficients k (4,) of Kannala and Brandt (2006) as in
+    `cv2.fisheye`, size (width, height) in pixels.
+
+    Light at the angle a from the axis goes a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) focal lengths
+    from the principal point; a may be 90 degrees and more.
+    """
+
+    matrix: Array
+    k: Array
+    size: tuple[int, int]
+
+    def project(self, points: ArrayLike) -> Array:
+        """Image points (..., 2) of points (..., 3) in the lens's frame."""
+        seen = np.asarray(points, float)
+        across = np.hypot(seen[..., 0], seen[..., 1])
+        angle = np.arctan2(across, seen[..., 2])
+        square = angle * angle
+        radius = angle * (1 + square * np.polynomial.polynomial.polyval(square, self.k))
+        # On the axis itself radius and across are both 0.
+        spot = seen[..., :2] * (radius / np.maximum(across, 1e-15))[..., None]
+        image: Array = spot * np.diag(self.matrix)[:2] + self.matrix[:2, 2]
+        return image
 
 
 def rotation_from_vector(vector: ArrayLike) -> Array:

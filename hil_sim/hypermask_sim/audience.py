@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hypermask_sim import audience_scene as scene
 from hypermask_sim import audience_shaders as shaders
 from hypermask_sim.judge import DARK_LEVEL, Truth
+from hypermask_sim.lens import projector_from_mask
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -106,7 +107,7 @@ class Audience:
         depth = self._keep(context.depth_renderbuffer(self._size))
         self._framebuffer = self._keep(context.framebuffer([target], depth))
 
-        face = self._program(shaders.FACE_VERTEX, shaders.FACE_FRAGMENT)
+        face = self._face_program()
         cloth = [
             self._program(shaders.CLOTH_VERTEX, fragment)
             for fragment in (shaders.CLOTH_FRAGMENT, shaders.CLOTH_SPILL_FRAGMENT)
@@ -117,11 +118,10 @@ class Audience:
         ]
         depth_only = self._program(shaders.FACE_VERTEX, shaders.DEPTH_FRAGMENT)
         self._programs = (face, depth_only, *cloth, *backdrop)
-        (self._face,) = self._mesh([face], scene.mask_mesh(mask))
+        self._face = self._face_mesh(face)
         (self._face_depth,) = self._mesh([depth_only], scene.mask_mesh(mask, within=0.97))
         self._rim, _ = self._mesh(cloth, scene.mask_rim(mask))
-        self._hood, self._hood_lit = self._mesh(cloth, scene.hood(mask))
-        self._cloak, self._cloak_lit = self._mesh(cloth, scene.cloak())
+        self._build_figure(cloth)
         self._floor, _ = self._mesh(backdrop, scene.floor_mesh())
         self._curtain, self._curtain_lit = self._mesh(backdrop, scene.curtain_mesh())
         outline = mask.settings.outline
@@ -130,6 +130,16 @@ class Audience:
         # Past the mask the hood round it stops the light as well.
         backdrop[1]["outline"].value = (shape[0] / HOOD_WIDER, shape[1] / HOOD_WIDER, shape[2])
         self._set(picture=0, skin=1, painting=2)
+
+    def _face_program(self) -> Any:
+        return self._program(shaders.FACE_VERTEX, shaders.FACE_FRAGMENT)
+
+    def _face_mesh(self, program: Any) -> Any:
+        return self._mesh([program], scene.mask_mesh(self._world.mask))[0]
+
+    def _build_figure(self, cloth: list[Any]) -> None:
+        self._hood, self._hood_lit = self._mesh(cloth, scene.hood(self._world.mask))
+        self._cloak, self._cloak_lit = self._mesh(cloth, scene.cloak())
 
     def _keep(self, resource: Any) -> Any:
         self._resources.append(resource)
@@ -193,14 +203,12 @@ class Audience:
         to_mask = self._mask_from_stage[:3, :3]
         view, eye = self._view(time_s)
         optics = self._world.projector
-        projector_from_mask = _rigid(
-            optics.R @ rotation, optics.R @ translation + np.asarray(optics.t).reshape(3)
-        )
-        lamp = np.linalg.inv(projector_from_mask)[:3, 3]
+        from_mask = _rigid(*projector_from_mask(self._world, time_s))
+        lamp = np.linalg.inv(from_mask)[:3, 3]
         self._clip_from_stage = self._lens() @ view
         self._set(
             clip_from_mask=self._clip_from_stage @ stage_from_mask,
-            picture_from_mask=_picture_matrix(optics.K, optics.size) @ projector_from_mask,
+            picture_from_mask=_picture_matrix(optics.K, optics.size) @ from_mask,
             lamp=lamp,
             eye=(self._mask_from_stage @ np.append(eye, 1))[:3],
             key=to_mask @ _unit(KEY_LIGHT),

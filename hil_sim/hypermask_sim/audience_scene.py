@@ -143,6 +143,29 @@ def cloak() -> Mesh:
     return _smooth_mesh(np.stack([x, y, z], axis=-1)[:, ::-1])
 
 
+def shell(mask: Mask) -> Mesh:
+    """A Mask-bot's head behind its screen, which holds the projector; in the mask frame."""
+    outline = mask.settings.outline
+    polar, turn = np.meshgrid(np.linspace(0, np.pi, 25), np.linspace(0, 2 * np.pi, 49))
+    ring = np.sin(polar) ** 0.8
+    x = (outline.half_width_m + 0.012) * ring * np.cos(turn)
+    y = (outline.half_height_m + 0.012) * ring * np.sin(turn)
+    across = np.cos(polar)
+    z = np.where(across > 0, 0.012, 0.165) * across - 0.022
+    return _smooth_mesh(np.stack([x, y, z], axis=-1)[:, ::-1])
+
+
+def pedestal() -> Mesh:
+    """What carries a Mask-bot's head: unit, collar, pole and foot; origin at the unit's axes."""
+    down = [-0.045, -0.045, 0.0, 0.045, 0.05, 0.055, 0.075, 0.08, 0.085, 0.6, 0.62, 0.66, 0.67]
+    wide = [0.0, 0.040, 0.052, 0.052, 0.050, 0.066, 0.066, 0.060, 0.024, 0.024, 0.10, 0.16, 0.17]
+    angle = np.linspace(0, 2 * np.pi, 65)
+    x = np.outer(wide, np.cos(angle))
+    z = np.outer(wide, np.sin(angle))
+    y = np.broadcast_to(-np.array(down)[:, None], x.shape)
+    return _smooth_mesh(np.stack([x, y, z], axis=-1)[:, ::-1])
+
+
 def curtain_mesh() -> Mesh:
     """Upright, its lower edge in the middle of the floor's far edge at the origin."""
     width, height = CURTAIN_SIZE_M

@@ -97,6 +97,49 @@ void main() {
 """
 )
 
+SCREEN_VERTEX = (
+    _HEADER
+    + """
+uniform mat4 clip_from_mask;
+invariant gl_Position;
+in vec3 in_position;
+in vec3 in_light;                // the picture's place that lights it (u, v), and how brightly
+out vec3 on_mask;
+out vec3 lit;
+void main() {
+    on_mask = in_position;
+    lit = in_light;
+    gl_Position = clip_from_mask * vec4(in_position, 1.0);
+}
+"""
+)
+
+SCREEN_FRAGMENT = (
+    _HEADER
+    + _STAGE_LIGHT
+    + """
+uniform sampler2D picture;       // the projector's frame, row 0 at the top
+uniform sampler2D skin;
+uniform vec2 half_size;
+in vec3 on_mask;
+in vec3 lit;
+out vec4 colour;
+void main() {
+    vec4 texel = texture(skin, vec2(on_mask.x, -on_mask.y) / (2.0 * half_size) + 0.5);
+    float inside = texel.a - 0.25;
+    float edge = clamp(inside / max(fwidth(texel.a), 1e-4) + 0.5, 0.0, 1.0);
+    if (edge <= 0.0) discard;
+    vec2 tilt = texel.xy * 2.0 - 1.0;
+    vec3 n = vec3(tilt, sqrt(max(1.0 - dot(tilt, tilt), 0.01)));
+    vec3 light = AMBIENT + KEY * max(dot(n, key), 0.0) + RIM * 0.12 * max(dot(n, rim), 0.0);
+    vec2 within = step(abs(lit.xy - 0.5), vec2(0.5));
+    vec3 through = texture(picture, lit.xy).rgb;
+    light = light * 0.5 + through * through * (within.x * within.y * lit.z);
+    colour = vec4(sqrt(min(light, vec3(1.0))), edge);
+}
+"""
+)
+
 CLOTH_VERTEX = (
     _HEADER
     + _PLACE

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from hypermask_drivers.mask import Mask
 from hypermask_sim.dots import Dots
+from hypermask_sim.lens import lens_of, projector_from_mask
 from hypermask_sim.surface import Surface
 
 Array = NDArray[np.float64]
@@ -40,7 +41,8 @@ GRAZING = 0.15  # cosine below which a dot's patch faces away too much to be mea
 
 
 class Optics(Protocol):
-    """A projector: K (3, 3); R (3, 3), t (3,) = projector_from_camera; size (width, height)."""
+    """A projector: K (3, 3); R (3, 3), t (3,) = projector_from_camera; size (width, height).
+    Where it is no pinhole, `lens` says what it is."""
 
     @property
     def K(self) -> Array: ...
@@ -53,7 +55,8 @@ class Optics(Protocol):
 
 
 class Truth(Protocol):
-    """What the judge must know of the world (`hypermask_sim.world.World`)."""
+    """What the judge must know of the world (`hypermask_sim.world.World`). A projector that is
+    fixed to its screen, and lights it from behind, has its place in `mounted`."""
 
     @property
     def mask(self) -> Mask: ...
@@ -205,7 +208,7 @@ class Judge:
         blobs = find_blobs(picture)
         if not len(blobs.masses):
             return FrameMeasurement(light_s, brightness=blobs.brightness, lit=blobs.lit)
-        from_mask = self._projector_from_mask(light_s)
+        from_mask = projector_from_mask(self._world, light_s)
         expected, areas, facing = self._perfect_dots(*from_mask)
         lands = self._land(np.concatenate([blobs.centroids, expected]), *from_mask)
         landed, intended = lands[: len(blobs.masses)], lands[len(blobs.masses) :]
@@ -241,11 +244,6 @@ class Judge:
             series=tuple((frame.time_s, frame.rms_mm) for frame in frames),
         )
 
-    def _projector_from_mask(self, time_s: float) -> tuple[Array, Array]:
-        rotation, translation = self._world.camera_from_mask(time_s)
-        optics = self._world.projector
-        return optics.R @ rotation, optics.R @ translation + np.asarray(optics.t).reshape(3)
-
     def _sample_patches(self) -> None:
         """Points (N, S, 3), normals of length dA/dxdy and brightness of each dot's patch."""
         rim = self._dots.rim_radius_m
@@ -264,28 +262,28 @@ class Judge:
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Centroids (N, 2) px, areas (N,) px and visibility of the dots in a perfect picture.
 
-        A surface element n dx dy at depth Z, seen from the centre c, covers
-        f^2 |n . (p - c)| / Z^3 dx dy of the picture.
+        A surface element n dx dy at p, seen from the centre c, fills the solid angle
+        |n . (p - c)| / |p - c|^3 dx dy, of which the lens makes so many pixels.
         """
-        matrix = np.asarray(self._world.projector.K)
+        lens = lens_of(self._world.projector)
         centre = -rotation.T @ translation
         seen = self._points @ rotation.T + translation
-        image = seen @ matrix.T
-        pixels = image[..., :2] / image[..., 2:]
+        pixels = lens.image(seen)
         towards = centre - self._points
-        incidence = np.sum(self._normals * towards, axis=-1)
-        weight = np.maximum(incidence, 0) / seen[..., 2] ** 3 * self._profile
+        behind = centre[2] < 0  # a screen that is lit from inside
+        incidence = np.sum(self._normals * towards, axis=-1) * (-1 if behind else 1)
+        distance = np.linalg.norm(towards, axis=-1)
+        weight = np.maximum(incidence, 0) / distance**3 * lens.density(seen) * self._profile
         total = np.maximum(weight.sum(axis=1), 1e-12)
         centroids = np.sum(pixels * weight[..., None], axis=1) / total[:, None]
-        length = np.linalg.norm(self._normals, axis=-1) * np.linalg.norm(towards, axis=-1)
+        length = np.linalg.norm(self._normals, axis=-1) * distance
         facing = np.min(incidence / length, axis=1) > GRAZING
         facing &= (seen[..., 2] > 0).all(axis=1)
-        return centroids, total * matrix[0, 0] * matrix[1, 1] * self._cell_m2, facing
+        return centroids, total * self._cell_m2, facing
 
     def _land(self, pixels: Array, rotation: Array, translation: Array) -> Array:
         """Where the light of picture points (N, 2) lands, (N, 3) in the mask frame."""
-        homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
-        rays = np.linalg.solve(np.asarray(self._world.projector.K), homogeneous.T).T
+        rays = lens_of(self._world.projector).rays(pixels)
         return self._surface.meet(-rotation.T @ translation, rays @ rotation)
 
     def _pair(

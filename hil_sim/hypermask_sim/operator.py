@@ -7,9 +7,12 @@ the LED, `error_px` an axis (one sigma), and nudges until the cross-hair's light
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from hypermask_sim.surface import Surface
 
 Array = NDArray[np.float64]
 Look = Callable[[tuple[float, float], int], ArrayLike]
@@ -42,6 +45,33 @@ def true_look(
         ray = np.linalg.solve(matrix, [*cross_hair, 1.0])
         gap = there[:2] - ray[:2] / ray[2] * there[2]
         return np.asarray(gap * np.diag(matrix)[:2] / there[2], float)
+
+    return look
+
+
+def screen_look(world: Any, points: ArrayLike, error_mm: float = 0.5, seed: int = 0) -> Look:
+    """What an eye sees on a screen that is fixed to its projector: the light of the cross-hair
+    beside a mark on the screen's front.
+
+    world: `World` of a Mask-bot; points: (N, 3) marks, mask metres; error_mm: how far beside a
+    mark he takes the light to be on it, one sigma an axis.
+    """
+    rotation, translation = world.mounted
+    lens, surface = world.projector.lens, Surface(world.mask)
+    marks = np.array(points, float)
+    aims = np.random.default_rng([seed, 0xA2]).normal(0, error_mm * 1e-3, (len(marks), 2))
+    marks[:, :2] += aims
+    marks[:, 2] = surface.height(marks[:, 0], marks[:, 1])
+    wanted = lens.image(marks @ rotation.T + translation)
+    origin = -rotation.T @ translation
+
+    def look(cross_hair: tuple[float, float], number: int) -> Array:
+        here = np.array(cross_hair, float)
+        pixels = here + np.array([[0, 0], [1, 0], [0, 1]])
+        lit = surface.meet(origin, lens.rays(pixels) @ rotation)
+        # Pixels may run leftwards or upwards on the screen that he sees.
+        right, down = np.sign(lit[1, 0] - lit[0, 0]), -np.sign(lit[2, 1] - lit[0, 1])
+        return np.asarray((wanted[number] - here) * [right, down])
 
     return look
 

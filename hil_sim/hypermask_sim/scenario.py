@@ -174,6 +174,32 @@ class PowerSettings(Settings):
     resistance_ohm: float = Field(0.05, ge=0, le=10)
 
 
+class ScreenSettings(Settings):
+    """A Mask-bot's screen: the mask's relief, translucent, fixed to a projector behind it.
+
+    What the builder knows: lens_m, place of the fisheye lens's centre in the mask frame; k, its
+    four coefficients (Kannala and Brandt); the projector's focal_px and centre_px. How it really
+    is, unknown to the show: lens_error_mm and lens_error_deg, beside its place; focal_error, a
+    fraction; k_error; decentring of its elements.
+    pivot_m: where the axes of the pan-tilt unit meet, in the mask frame with the head straight.
+    """
+
+    lens_m: Position = (0.0, 0.0, -0.12)
+    k: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    lens_error_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lens_error_deg: Attitude = Attitude()
+    focal_error: float = Field(0.0, ge=-0.2, le=0.2)
+    k_error: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    decentring: tuple[float, float] = (0.0, 0.0)
+    pivot_m: Position = (0.0, -0.16, -0.08)
+
+    @model_validator(mode="after")
+    def _behind(self) -> ScreenSettings:
+        if self.lens_m[2] > -0.08:
+            raise ValueError("the lens must lie at least 0.08 m behind the screen")
+        return self
+
+
 class LatencySettings(Settings):
     """What the program's own steps take in lock-step runs, where no real time passes.
 
@@ -198,6 +224,8 @@ class TrackingSettings(Settings):
 class CalibrationSettings(Settings):
     """method: how the show is calibrated before it begins; "exact" takes the true projector,
     "stored" the calibration that is in use on this machine. file: take this calibration instead.
+    A fixed screen's control points are nudged, unless it is exact or stored; operator_error_mm:
+    how far from them, an axis, he takes the light to be on them.
     """
 
     method: Literal["click", "affine", "projective", "exact", "stored"] = "click"
@@ -207,6 +235,7 @@ class CalibrationSettings(Settings):
     )
     poses_per_distance: int = Field(2, ge=1, le=20)
     operator_error_px: float = Field(1.0, ge=0, le=100)
+    operator_error_mm: float = Field(0.5, ge=0, le=20)
 
 
 class StageSettings(Settings):
@@ -219,6 +248,7 @@ class Scenario(Settings):
 
     duration_s: without it, the length of the motion clip, or 10 s for a built-in path.
     mask: a folder with mask.toml, or the name of one in configs/masks.
+    mapping "fixed": a Mask-bot, see `screen`. neck: whether a pan-tilt unit carries the head.
     """
 
     name: str = "reference-cart"
@@ -227,10 +257,12 @@ class Scenario(Settings):
     mask: str = "reference"
     character: str = "dots"
     show: str | None = None
-    mapping: Literal["procam", "planar", "planar_projective"] = "procam"
+    mapping: Literal["procam", "planar", "planar_projective", "fixed"] = "procam"
+    neck: bool = False
     performer: PerformerSettings = PerformerSettings()
     camera: CameraSettings = CameraSettings()
     projector: ProjectorSettings = ProjectorSettings()
+    screen: ScreenSettings = ScreenSettings()
     leds: LedSettings = LedSettings()
     reflections: tuple[ReflectionSettings, ...] = ()
     microphone: MicrophoneSettings = MicrophoneSettings()

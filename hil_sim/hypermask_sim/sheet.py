@@ -34,6 +34,7 @@ COLUMNS = 3
 CARD_HEIGHT = 104
 PLOT_HEIGHT = 300
 CAPTION_HEIGHT = 34
+HEAD_REACH_DEG = (50.0, 28.0)
 INSET = (10, 16)  # height to width of the two small pictures beneath the audience's
 
 
@@ -51,7 +52,8 @@ class KeyFigure:
 class Moment:
     """audience, projector: RGB (h, w, 3), row 0 at the top; camera: the infrared frame (h, w).
 
-    leds: (n, 2) px in the camera frame, where the program sees them (NaN: unseen).
+    leds: (n, 2) px in the camera frame, where the program sees them (NaN: unseen). head_deg: pan
+    and tilt of a head on a pan-tilt unit; shown where there is no camera.
     """
 
     time_s: float
@@ -60,6 +62,7 @@ class Moment:
     projector: Picture | None = None
     camera: NDArray[np.uint8] | None = None
     leds: NDArray[np.float64] | None = None
+    head_deg: tuple[float, float] | None = None
 
 
 def contact_sheet(
@@ -178,11 +181,29 @@ def _draw_moment(page: Picture, moment: Moment, number: int, corner: tuple[int, 
     box(page, (x + width // 2, under), (1, small[1]), LINE)
     box(page, (x, under), (width, 1), LINE)
     put_text(page, "projector", (x + 10, under + 18), 8, FAINT)
-    put_text(page, "infrared camera", (x + width // 2 + 10, under + 18), 8, FAINT)
+    beside = "infrared camera"
+    if moment.camera is None and moment.head_deg is not None:
+        beside = f"head  pan {moment.head_deg[0]:+.0f}  tilt {moment.head_deg[1]:+.0f} deg"
+        _draw_head(page, moment.head_deg, (x + width // 2, under), small)
+    put_text(page, beside, (x + width // 2 + 10, under + 18), 8, FAINT)
     base = y + height - 12
     put_text(page, f"{number}", (x + 14, base), 11, ACCENT, 1.2)
     put_text(page, f"{moment.time_s:.2f} s", (x + 40, base), 11, INK)
     put_text(page, moment.caption, (x + 122, base), 11, FAINT)
+
+
+def _draw_head(
+    page: Picture, head_deg: tuple[float, float], corner: tuple[int, int], size: tuple[int, int]
+) -> None:
+    """Where the head looks as the audience sees it: pan to its left is to their right."""
+    middle = np.array([corner[0] + size[0] / 2, corner[1] + size[1] / 2 + 8])
+    scale = min(size[0] / (2 * HEAD_REACH_DEG[0]), (size[1] - 30) / (2 * HEAD_REACH_DEG[1]))
+    half = np.array(HEAD_REACH_DEG) * scale
+    for at, span in (((-half[0], 0), (2 * half[0], 1)), ((0, -half[1]), (1, 2 * half[1]))):
+        left, top = np.round(middle + at).astype(int)
+        box(page, (int(left), int(top)), (max(int(span[0]), 1), max(int(span[1]), 1)), LINE)
+    place = np.clip(np.array([head_deg[0], -head_deg[1]]) * scale, -half, half)
+    ring(page, middle + place, 7.0, ACCENT)
 
 
 def _draw_plot(

@@ -53,33 +53,39 @@ class Surface:
         return heights, row - top, column - left
 
     def meet(self, origin: Array, directions: Array) -> Array:
-        """First point (N, 3) where rays from `origin` (3,) along `directions` (N, 3) meet it.
+        """First point (N, 3) where rays from `origin` (3,) along `directions` (N, 3) meet it, from
+        the front or, where `origin` lies behind the whole relief, from behind.
 
-        NaN for a ray that runs away from the mask's front. A march through the slab that holds
+        NaN for a ray that runs away from the mask. A march through the slab that holds
         the relief brackets the first crossing; regula falsi (Illinois) then closes to 0.1 um.
         """
         directions = np.asarray(directions, float)
+        side = -1.0 if origin[2] < self._bottom else 1.0
+        near, far = self._top + 1e-4, self._bottom - 1e-4
+        near, far = (near, far) if side > 0 else (far, near)
         with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = np.where(directions[:, 2] < 0, 1 / directions[:, 2], np.nan)
-        start = (self._top + 1e-4 - origin[2]) * inverse
-        stop = (self._bottom - 1e-4 - origin[2]) * inverse
+            inverse = np.where(side * directions[:, 2] < 0, 1 / directions[:, 2], np.nan)
+        start = (near - origin[2]) * inverse
+        stop = (far - origin[2]) * inverse
         steps = start[:, None] + np.linspace(0, 1, MARCH_STEPS) * (stop - start)[:, None]
-        above = self._above(origin, directions[:, None, :], steps)
+        above = side * self._above(origin, directions[:, None, :], steps)
         crossing = np.argmax(above <= 0, axis=1)
         ray = np.arange(len(directions))
         previous = np.maximum(crossing - 1, 0)
         low, high = steps[ray, previous], steps[ray, crossing]
-        distance = self._close(origin, directions, low, high)
+        distance = self._close(origin, directions, low, high, side)
         return np.asarray(origin + distance[:, None] * directions)
 
-    def _close(self, origin: Array, directions: Array, low: Array, high: Array) -> Array:
-        f_low = self._above(origin, directions, low)
-        f_high = self._above(origin, directions, high)
+    def _close(
+        self, origin: Array, directions: Array, low: Array, high: Array, side: float
+    ) -> Array:
+        f_low = side * self._above(origin, directions, low)
+        f_high = side * self._above(origin, directions, high)
         best = high
         for _ in range(40):
             span = f_low - f_high
             best = np.where(span > 0, low + (high - low) * f_low / np.where(span > 0, span, 1), low)
-            value = self._above(origin, directions, best)
+            value = side * self._above(origin, directions, best)
             if not np.any(np.abs(value) > TOLERANCE_M):
                 break
             front = value > 0

@@ -7,6 +7,7 @@ the camera frame (x right, y down, z forward).
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from hypermask_drivers.errors import ConfigError
 from hypermask_drivers.mask import Mask, load_mask
 from hypermask_sim.faults import Faults
+from hypermask_sim.lens import FisheyeLens, Lens, PinholeLens
 from hypermask_sim.optics import Horizon, Spots, angular_fall_off, exposure_moments, spot_size
 from hypermask_sim.performer import attitude_rotations, find_motion
 from hypermask_sim.scenario import Attitude, Scenario
@@ -45,21 +47,24 @@ class CameraTruth:
 
 @dataclass(frozen=True)
 class ProjectorTruth:
-    """K: (3, 3); R (3, 3), t (3,): projector_from_camera; size: (width, height) in pixels."""
+    """K: (3, 3); R (3, 3), t (3,): projector_from_camera; size: (width, height) in pixels.
+
+    A Mask-bot's turns with the head: R and t are then those of the head looking straight ahead.
+    """
 
     K: Array
     R: Array
     t: Array
     size: tuple[int, int]
+    lens: Lens
 
     def project(self, points: Array) -> Array:
         """Picture points (..., 2) of points (..., 3) in the camera frame."""
-        return _project(self.K, points @ self.R.T + self.t)
+        return self.lens.image(points @ self.R.T + self.t)
 
     def ray(self, pixel: ArrayLike) -> tuple[Array, Array]:
         """Origin (3,) and direction (3,), unit depth, of a pixel's light in the camera frame."""
-        x, y = np.asarray(pixel, float)
-        direction = self.R.T @ np.linalg.solve(self.K, np.array([x, y, 1.0]))
+        direction = self.R.T @ self.lens.rays(np.asarray(pixel, float).reshape(1, 2))[0]
         return -self.R.T @ self.t, direction / direction[2]
 
 
@@ -81,21 +86,30 @@ class World:
         self.origin_s = origin_s
         self.mask: Mask = load_mask(_mask_folder(scenario.mask))
         self.camera = _camera(scenario)
-        self.projector = _projector(scenario)
         performer = scenario.performer
-        self.rest: Array = (
-            np.array(performer.position_m)
-            if performer.position_m is not None
-            else self.rest_position(performer.distance_m)
-        )
-        _, direction = self._picture_ray()
+        self._attitude = rotation_of(performer.attitude_deg)
+        self.neck: Callable[[float], tuple[float, float]] | None = None
+        self.mounted = _mounted(scenario) if scenario.mapping == "fixed" else None
+        self._place_projector()
+        direction = np.array([0.0, 0, 1]) if self.mounted else self._picture_ray()[1]
         self.motion = find_motion(
             performer.motion, performer.speed, FACING @ direction, float(self.rest[2])
         )
-        self._attitude = rotation_of(performer.attitude_deg)
         self.faults = Faults(scenario.faults, scenario.seed, self.camera.size)
         self._horizon = Horizon(self.mask)
         self._check_distance()
+
+    def _place_projector(self) -> None:
+        """`rest`, the mask's place at rest, and `projector`; each may hang on the other."""
+        performer = self.scenario.performer
+        given = None if performer.position_m is None else np.array(performer.position_m)
+        if self.mounted is None:
+            self.projector = _projector(self.scenario)
+            self.rest: Array = self.rest_position(performer.distance_m) if given is None else given
+            return
+        self.rest = np.array([0.0, 0.0, performer.distance_m]) if given is None else given
+        turn = self.mounted[0] @ (FACING @ self._attitude).T
+        self.projector = _fisheye(self.scenario, turn, self.mounted[1] - turn @ self.rest)
 
     @cached_property
     def voice(self) -> Voice:
@@ -141,12 +155,25 @@ class World:
     def camera_from_masks(self, times_s: Array) -> tuple[Array, Array]:
         """True poses at clock times (n,): R (n, 3, 3), t (n, 3) metres."""
         rotations, positions = self.motion.at(np.asarray(times_s, float) - self.origin_s)
-        return FACING @ rotations @ self._attitude, self.rest + positions @ FACING.T
+        rotations, positions = (
+            FACING @ rotations @ self._attitude,
+            self.rest + positions @ FACING.T,
+        )
+        if self.neck is None:
+            return rotations, positions
+        pivot = np.array(self.scenario.screen.pivot_m)
+        turns = np.array([neck_rotation(*self.neck(float(time_s))) for time_s in times_s])
+        moved = positions + np.einsum("nij,nj->ni", rotations, pivot - turns @ pivot)
+        return rotations @ turns, moved
 
     def camera_from_mask(self, time_s: float) -> tuple[Array, Array]:
         """True pose at a clock time: R (3, 3), t (3,) metres."""
         rotations, positions = self.camera_from_masks(np.array([time_s]))
         return rotations[0], positions[0]
+
+    def put(self, position_m: ArrayLike, attitude: Attitude) -> None:
+        """Somebody puts the mask somewhere else, from now on: an operator who calibrates."""
+        self.rest, self._attitude = np.asarray(position_m, float), rotation_of(attitude)
 
     # Light -----------------------------------------------------------------------------------
 
@@ -263,6 +290,12 @@ class World:
         ]
 
 
+def neck_rotation(pan_rad: float, tilt_rad: float) -> Array:
+    """(3, 3) of the head on its unit: pan to its left, tilt up."""
+    rotation: Array = attitude_rotations(np.array([[0.0, -tilt_rad, pan_rad]]))[0]
+    return rotation
+
+
 def rotation_of(attitude: Attitude) -> Array:
     """(3, 3) rotation of roll, pitch and yaw in degrees, in the mask's axes."""
     degrees = np.array([[attitude.roll, attitude.pitch, attitude.yaw]])
@@ -282,12 +315,33 @@ def _projector(scenario: Scenario) -> ProjectorTruth:
     centre = projector.centre_px or ((projector.width - 1) / 2, projector.height - 0.5)
     camera_from_projector = FACING @ rotation_of(projector.attitude_deg) @ FACING
     rotation = camera_from_projector.T
+    matrix = _matrix(projector.focal_px, centre)
     return ProjectorTruth(
-        _matrix(projector.focal_px, centre),
+        matrix,
         rotation,
         -rotation @ np.array(projector.position_m),
         (projector.width, projector.height),
+        PinholeLens(matrix),
     )
+
+
+def _mounted(scenario: Scenario) -> tuple[Array, Array]:
+    """R (3, 3), t (3,): projector_from_mask of a projector behind its screen, as it really is."""
+    screen = scenario.screen
+    # It looks out of the face: x to the audience's left, y down.
+    rotation = rotation_of(screen.lens_error_deg) @ np.diag([-1.0, -1.0, 1.0])
+    place = np.array(screen.lens_m) + np.array(screen.lens_error_mm) * 1e-3
+    return rotation, -rotation @ place
+
+
+def _fisheye(scenario: Scenario, rotation: Array, translation: Array) -> ProjectorTruth:
+    projector, screen = scenario.projector, scenario.screen
+    centre = projector.centre_px or ((projector.width - 1) / 2, (projector.height - 1) / 2)
+    matrix = _matrix(projector.focal_px * (1 + screen.focal_error), centre)
+    k1, k2, k3, k4 = (a + b for a, b in zip(screen.k, screen.k_error, strict=True))
+    lens = FisheyeLens(matrix, (k1, k2, k3, k4), screen.decentring)
+    size = (projector.width, projector.height)
+    return ProjectorTruth(matrix, rotation, translation, size, lens)
 
 
 def _matrix(focal_px: float, centre_px: tuple[float, float]) -> Array:

@@ -235,7 +235,7 @@ def keyed(rehearsal: Rehearsal) -> VoiceLesson:
 def test_nothing_is_recorded_before_a_key_is_pressed() -> None:
     rehearsal = Rehearsal(lambda asked, before: said("w21", asked))
     lesson = keyed(rehearsal)
-    assert lesson.name == "voice"
+    assert lesson.name == "lesson"
     assert "A key: begin" in lesson.words() and len(lesson.words().splitlines()) <= 2
     assert rehearsal.play(10, lesson)
     assert rehearsal.spoken_s == 0
@@ -244,6 +244,19 @@ def test_nothing_is_recorded_before_a_key_is_pressed() -> None:
     assert lesson.words().startswith('1 of 6: Say a long "ah"')
     rehearsal.play(LEAD_S, lesson)
     assert lesson.words().startswith("NOW")
+
+
+def test_a_lesson_that_is_left_is_over_for_the_voice_as_well() -> None:
+    rehearsal = Rehearsal(lambda asked, before: said("w21", asked))
+    lesson = keyed(rehearsal)
+    lesson.press("1", 0.0)
+    rehearsal.play(2.0, lesson)
+    lesson.end(rehearsal.clock.now())
+    assert not lesson.step(rehearsal.clock.now())
+    order = rehearsal.board.lesson.latest()
+    assert order is not None and order["asked"] == b"end"
+    lesson.end(rehearsal.clock.now())
+    assert lesson.failure is not None and lesson.failure.code == "VOICE-STOPPED"
 
 
 @pytest.mark.parametrize("key", ["minus", "numlock"])

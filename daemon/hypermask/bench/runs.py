@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress, track
 
 from hypermask import paths
+from hypermask.calibration.fixed import Fixed
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.planar import Planar
 from hypermask.errors import DataError
@@ -21,7 +22,7 @@ from hypermask_sim.scenario import Scenario, load_scenario
 from hypermask_sim.world import World
 
 T = TypeVar("T")
-Calibration = ProCam | Planar
+Calibration = ProCam | Planar | Fixed
 
 
 def scenario(name: str, *assignments: str) -> Scenario:

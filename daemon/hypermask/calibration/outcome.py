@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from hypermask.calibration import planar
+from hypermask.calibration.fixed import Fixed
 from hypermask.calibration.parameters import ProCam, ProjectorPrior, point_jacobian
 from hypermask.calibration.placements import Placement
 from hypermask.calibration.planar import Planar
@@ -18,8 +19,8 @@ from hypermask.errors import DataError
 from hypermask.geometry import Pinhole
 from hypermask.mask import Mask
 
-Method = Literal["click", "affine", "projective"]
-METHODS: tuple[Method, ...] = ("click", "affine", "projective")
+Method = Literal["click", "affine", "projective", "fixed"]
+METHODS: tuple[Method, ...] = ("click", "affine", "projective", "fixed")
 
 
 @dataclass(frozen=True)
@@ -37,17 +38,21 @@ class Cart:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A finished calibration; quality is None for the planar kinds, whose band says it all."""
+    """A finished calibration; quality is None for the planar kinds, whose band says it all, and
+    for a fixed screen, of which `notes` says which points were left out."""
 
-    calibration: ProCam | Planar
+    calibration: ProCam | Planar | Fixed
     quality: Quality | None
     placements: tuple[Placement, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def expected_mm(self) -> float:
         """Expected rms error: over the working volume, or at a planar kind's own distance."""
         if self.quality is not None:
             return self.quality.expected_mm
+        if isinstance(self.calibration, Fixed):
+            return self.calibration.expected_mm
         assert isinstance(self.calibration, Planar)
         return self.calibration.expected_error_m(self.calibration.distance_m) * 1e3
 
@@ -55,6 +60,8 @@ class Outcome:
         """For the operator."""
         if self.quality is not None:
             return self.quality.lines()
+        if isinstance(self.calibration, Fixed):
+            return [f"{self.expected_mm:.2f} mm expected on the screen", *self.notes]
         assert isinstance(self.calibration, Planar)
         return planar_lines(self.calibration)
 
@@ -90,7 +97,7 @@ def _click(placements: Sequence[Placement], cart: Cart) -> Outcome:
 
 
 def _planar(method: Method, placement: Placement, cart: Cart) -> Planar:
-    assert method != "click"
+    assert method in ("affine", "projective")
     corners = slice(0, planar.CORNERS)
     points = placement.points[corners]
     predicted = cart.camera.project(placement.pose.apply(cart.mask.leds))[corners]

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from hypermask.calibration.fixed import Fixed
 from hypermask.calibration.parallax import Parallax
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.placements import Placement
 from hypermask.calibration.planar import Planar
 from hypermask.calibration.positions import Position
-from hypermask.geometry import Array, Pinhole, Pose
+from hypermask.geometry import Array, Fisheye, Pinhole, Pose
 
 Table = dict[str, Any]
 
@@ -99,6 +100,47 @@ def _parallax_from(table: Table) -> Parallax:
         float(table["lean_rms_m"]),
         float(table["aim_m"]),
     )
+
+
+def fixed_table(fixed: Fixed) -> Table:
+    return {
+        "matrix": _rows(fixed.lens.matrix),
+        "k": _rows(fixed.lens.k),
+        "size": list(fixed.lens.size),
+        "projector_from_mask": pose_table(fixed.projector_from_mask),
+        "anchors_m": _rows(fixed.anchors),
+        "weights_px": _rows(fixed.weights),
+        "reach_m": fixed.reach_m,
+        "expected_mm": fixed.expected_mm,
+    }
+
+
+def fixed_from(table: Table) -> Fixed:
+    width, height = (int(n) for n in table["size"])
+    lens = Fisheye(_finite(table["matrix"], (3, 3)), _finite(table["k"], (4,)), (width, height))
+    count = len(table["anchors_m"])
+    anchors, weights = np.zeros((0, 3)), np.zeros((0, 2))
+    if count:
+        anchors = _finite(table["anchors_m"], (count, 3))
+        weights = _finite(table["weights_px"], (count, 2))
+    reach = float(table["reach_m"])
+    if not reach > 0:
+        raise ValueError("the reach is not above 0")
+    pose = pose_from(table["projector_from_mask"])
+    return Fixed(lens, pose, anchors, weights, reach, float(table["expected_mm"]))
+
+
+def calibration_table(calibration: ProCam | Planar | Fixed) -> Table:
+    if isinstance(calibration, ProCam):
+        return procam_table(calibration)
+    return fixed_table(calibration) if isinstance(calibration, Fixed) else planar_table(calibration)
+
+
+def calibration_from(method: str, table: Table) -> ProCam | Planar | Fixed:
+    """Raises `KeyError`, `TypeError` or `ValueError` where the table is not one of that method."""
+    if method == "click":
+        return procam_from(table)
+    return fixed_from(table) if method == "fixed" else planar_from(table)
 
 
 def placement_table(placement: Placement) -> Table:

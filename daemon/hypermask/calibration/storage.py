@@ -17,6 +17,7 @@ from typing import Any
 
 from hypermask import paths
 from hypermask.calibration import records
+from hypermask.calibration.fixed import Fixed
 from hypermask.calibration.outcome import Outcome
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.placements import Placement
@@ -31,14 +32,14 @@ PROGRESS = "progress.json"
 
 @dataclass(frozen=True)
 class Stored:
-    """One calibration of the history; method: click, affine or projective; made: UTC."""
+    """One calibration of the history; method: click, affine, projective or fixed; made: UTC."""
 
     name: str
     method: str
     made: datetime
     expected_mm: float
     lines: tuple[str, ...]
-    calibration: ProCam | Planar
+    calibration: ProCam | Planar | Fixed
     placements: tuple[Placement, ...]
 
 
@@ -71,15 +72,11 @@ def save(outcome: Outcome, method: str, made: datetime | None = None) -> Path:
 
 
 def _content(outcome: Outcome) -> records.Table:
-    procam = outcome.calibration
-    table = (
-        records.procam_table(procam) if isinstance(procam, ProCam) else records.planar_table(procam)
-    )
     return {
         "expected_mm": outcome.expected_mm,
         "lines": outcome.lines(),
         "quality": asdict(outcome.quality) if outcome.quality is not None else None,
-        "calibration": table,
+        "calibration": records.calibration_table(outcome.calibration),
         "placements": [records.placement_table(p) for p in outcome.placements],
     }
 
@@ -101,14 +98,13 @@ def read(path: Path) -> Stored:
     content = _opened(path)
     try:
         method = content["method"]
-        from_table = records.procam_from if method == "click" else records.planar_from
         return Stored(
             path.name,
             method,
             datetime.fromisoformat(content["made"]),
             float(content["expected_mm"]),
             tuple(content["lines"]),
-            from_table(content["calibration"]),
+            records.calibration_from(method, content["calibration"]),
             tuple(records.placement_from(table) for table in content["placements"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -56,9 +56,23 @@ def _print_summary(report: dict[str, Any], out: Path) -> None:
     judged = registration["measured_frames"]
     console.print(f"{report['frames']} frames, {judged} judged")
     console.print(f"registration rms {rms}, p95 {p95}, max {most}")
-    console.print(f"tracked {visible}   wrong labels {wrong}")
-    console.print(f"lead {_number(lead['p50'], 'ms')}   missed flips {report['missed_flips']}")
+    if report["mapping"] != "fixed":
+        console.print(f"tracked {visible}   wrong labels {wrong}")
+    if report.get("head") is not None:
+        _print_head(report["head"])
+    lead_text = "" if lead["p50"] is None else f"lead {_number(lead['p50'], 'ms')}   "
+    console.print(f"{lead_text}missed flips {report['missed_flips']}")
     console.print(f"Report and pictures: {out}")
+
+
+def _print_head(head: dict[str, Any]) -> None:
+    orders = head["orders"]
+    gestures = [order["gesture"] for order in orders if order["gesture"] != "look"]
+    console.print(
+        f"head {len(orders)} orders, {len(gestures)} gestures ({', '.join(gestures) or 'none'}); "
+        f"{_number(head['behind_ms'], 'ms')} behind, {_number(head['behind_deg']['max'], 'deg')} "
+        "at the worst"
+    )
 
 
 def _percent(value: float | None) -> str:

@@ -18,6 +18,7 @@ DEVICES = ("camera", "projector", "keypad", "sound", "pantilt", "lamp", "power")
 WORKERS = ("tracker", "voice", "stage", "pantilt", "show", "dresser")
 
 Degrees = Annotated[float, Field(ge=-180, le=180)]
+Coefficient = Annotated[float, Field(ge=-1, le=1)]
 Metres = Annotated[float, Field(ge=-20, le=20)]
 
 
@@ -48,6 +49,9 @@ class ProjectorOptics(Settings):
 
     centre_px: principal point; None is the middle of the picture's lower edge (lens shift).
     position_m: in the camera frame. attitude_deg: roll about z, pitch about x, yaw about y.
+
+    mapping "fixed": a fisheye lens behind the screen. k: its coefficients (Kannala and Brandt);
+    position_m: its centre in the mask frame; centre_px: None is the picture's middle.
     """
 
     focal_px: float = Field(1920.0, ge=10, le=50000)
@@ -56,6 +60,7 @@ class ProjectorOptics(Settings):
     centre_px: tuple[float, float] | None = None
     position_m: tuple[Metres, Metres, Metres] = (0.15, 0.0, 0.0)
     attitude_deg: tuple[Degrees, Degrees, Degrees] = (0.0, 0.0, 0.0)
+    k: tuple[Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0)
 
 
 class Optics(Settings):

@@ -10,27 +10,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.calibration import storage
+from hypermask.calibration.fixed import Fixed
+from hypermask.calibration.nudging import Nudging
 from hypermask.calibration.outcome import Method, Outcome
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.planar import Planar
 from hypermask.calibration.positions import Position
-from hypermask.calibration.rehearsed import rehearse
-from hypermask.calibration.session import LEAST_FRAMES, Session, planned_positions
+from hypermask.calibration.rehearsed import MOST_KEYS, rehearse
+from hypermask.calibration.session import LEAST_FRAMES, Phase, Session, planned_positions
 from hypermask.calibration.still import Sighting
 from hypermask.errors import ConfigError, DataError
-from hypermask.rehearsal.cart import SimulatedCart, calibration_cart, camera_model, true_procam
+from hypermask.rehearsal.cart import (
+    SimulatedCart,
+    calibration_cart,
+    camera_model,
+    nominal_screen,
+    true_procam,
+    true_screen,
+)
 from hypermask.rehearsal.journal import Journal
 from hypermask.stage.overlay import Cross, Overlay
 from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.tracker import Tracker, TrackerSettings
 from hypermask_drivers.clock import VirtualClock
 from hypermask_sim.devices.keypad import HELD_S
-from hypermask_sim.operator import Operator, true_look
+from hypermask_sim.operator import Operator, screen_look, true_look
 from hypermask_sim.scenario import Attitude, Scenario
 from hypermask_sim.world import World
 
 STILL_FRAMES = 60
 SAME_CART_M = 0.025
+SAME_FOCAL = 0.1
 _PLANAR: dict[str, Method] = {"planar": "affine", "planar_projective": "projective"}
 
 
@@ -40,6 +50,8 @@ def method_of(scenario: Scenario) -> Method | None:
     Raises `ConfigError` CFG-VALUE where mapping and method do not go together.
     """
     method = scenario.calibration.method
+    if scenario.mapping == "fixed":
+        return None if method in ("exact", "stored") else "fixed"
     if scenario.mapping == "procam":
         if method in ("affine", "projective"):
             raise ConfigError(
@@ -51,7 +63,7 @@ def method_of(scenario: Scenario) -> Method | None:
     return method if method in ("affine", "projective") else _PLANAR[scenario.mapping]
 
 
-def calibrate(world: World, journal: Journal) -> ProCam | Planar:
+def calibrate(world: World, journal: Journal) -> ProCam | Planar | Fixed:
     """Run the session that the scenario asks for, before the show."""
     settings = world.scenario.calibration
     if settings.file is not None or settings.method == "stored":
@@ -59,18 +71,25 @@ def calibrate(world: World, journal: Journal) -> ProCam | Planar:
     method = method_of(world.scenario)
     if method is None:
         journal(0.0, "CAL-EXACT", "The true projector is used; no calibration was made.")
-        return true_procam(world)
-    outcome, presses = calibrate_by_clicks(world, method)
+        return true_screen(world) if world.mounted is not None else true_procam(world)
+    outcome, presses = rehearsed_calibration(world, method)
+    positions = f"{len(outcome.placements)} positions, " if outcome.placements else ""
     journal(
         0.0,
         "CAL-DONE",
-        f"{method}: {len(outcome.placements)} positions, {presses} key presses; "
-        + "; ".join(outcome.lines()),
+        f"{method}: {positions}{presses} key presses; " + "; ".join(outcome.lines()),
     )
     return outcome.calibration
 
 
-def _stored(scenario: Scenario, journal: Journal) -> ProCam | Planar:
+def rehearsed_calibration(world: World, method: Method) -> tuple[Outcome, int]:
+    """The whole session with a simulated operator; the outcome and how many keys were pressed."""
+    if method == "fixed":
+        return calibrate_by_nudging(world)
+    return calibrate_by_clicks(world, method)
+
+
+def _stored(scenario: Scenario, journal: Journal) -> ProCam | Planar | Fixed:
     """Raises `DataError` CAL-READ, CAL-NONE; `ConfigError` CFG-VALUE for another mapping's."""
     file = scenario.calibration.file
     stored, warning = (
@@ -78,7 +97,8 @@ def _stored(scenario: Scenario, journal: Journal) -> ProCam | Planar:
     )
     if warning is not None:
         journal(0.0, "CAL-READ", warning)
-    if isinstance(stored.calibration, Planar) != (scenario.mapping != "procam"):
+    wanted = {"procam": ProCam, "fixed": Fixed}.get(scenario.mapping, Planar)
+    if not isinstance(stored.calibration, wanted):
         raise ConfigError(
             "CFG-VALUE",
             f"the calibration {stored.name} ({stored.method}) does not fit mapping "
@@ -93,6 +113,9 @@ def _stored(scenario: Scenario, journal: Journal) -> ProCam | Planar:
 def _check_cart(stored: storage.Stored, scenario: Scenario) -> None:
     """Raises `DataError` CAL-CART where the calibration was made on another cart."""
     calibration, projector = stored.calibration, scenario.projector
+    if isinstance(calibration, Fixed):
+        _check_screen(stored.name, calibration, scenario)
+        return
     baseline_m = float(np.linalg.norm(projector.position_m[:2]))
     if isinstance(calibration, Planar):
         kind = _PLANAR.get(scenario.mapping)
@@ -108,6 +131,43 @@ def _check_cart(stored: storage.Stored, scenario: Scenario) -> None:
             f"projector {made_m * 1e3:.0f} mm apart, here {baseline_m * 1e3:.0f} mm",
             "Calibrate this cart.",
         )
+
+
+def _check_screen(name: str, calibration: Fixed, scenario: Scenario) -> None:
+    projector = scenario.projector
+    focal_px = float(calibration.lens.matrix[0, 0])
+    size = (projector.width, projector.height)
+    if calibration.lens.size != size or abs(focal_px / projector.focal_px - 1) > SAME_FOCAL:
+        raise DataError(
+            "CAL-CART",
+            f"the calibration {name} was made on another projector: picture "
+            f"{calibration.lens.size[0]} x {calibration.lens.size[1]}, focal length "
+            f"{focal_px:.0f} px, here {size[0]} x {size[1]}, {projector.focal_px:.0f} px",
+            "Calibrate this head.",
+        )
+
+
+def calibrate_by_nudging(world: World) -> tuple[Outcome, int]:
+    """A fixed screen's control points, with a simulated operator: the outcome and his presses."""
+    settings = world.scenario.calibration
+    session = Nudging(nominal_screen(world), world.mask)
+    look = screen_look(world, session.points, settings.operator_error_mm, world.scenario.seed)
+    operator = Operator(look, 0.0, world.scenario.seed)
+    with _Bench(world, operator) as bench:
+        for _ in range(MOST_KEYS):
+            view = session.view()
+            if session.phase is Phase.DONE:
+                assert session.outcome is not None
+                return session.outcome, session.key_presses
+            if session.problem is not None:
+                raise session.problem
+            if view.cross_hair is None or view.led is None:
+                session.key("enter", 0.0)
+            else:
+                session.key(bench.press(view.cross_hair, view.led), 0.0)
+    raise DataError(
+        "CAL-ENDLESS", f"no end after {MOST_KEYS} key presses", "Check the operator's aim."
+    )
 
 
 def calibrate_by_clicks(world: World, method: Method) -> tuple[Outcome, int]:
@@ -135,16 +195,19 @@ class _Bench:
     lit pixels fall, and what he presses comes in through the keypad.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, operator: Operator | None = None) -> None:
+        """operator: instead of one who clicks LEDs."""
         self._clock = VirtualClock()
         self._cart = SimulatedCart(World(_quiet(world.scenario)), self._clock)
         self._overlay: Overlay | None = None
-        scenario = world.scenario
-        self._scenario = scenario
+        self._scenario = world.scenario
         self._still = world
         self._lit = (0.0, 0.0)
-        projector = world.projector
-        self.operator = Operator(
+        self.operator = operator or self._clicker(world)
+
+    def _clicker(self, world: World) -> Operator:
+        projector, scenario = world.projector, world.scenario
+        return Operator(
             true_look(
                 projector.K,
                 (projector.R, projector.t),

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from hypermask.calibration.fixed import Fixed, control_points, nominal_fixed, solve
 from hypermask.calibration.outcome import Cart as CalibrationCart
 from hypermask.calibration.parameters import PARAMETERS, ProCam, updated
 from hypermask.geometry import Pinhole, Pose
@@ -16,6 +17,7 @@ from hypermask_drivers.device import Device
 from hypermask_drivers.registry import driver_class
 from hypermask_sim.devices.camera import SimCamera
 from hypermask_sim.devices.keypad import SimKeypad
+from hypermask_sim.devices.pantilt import SimPanTilt
 from hypermask_sim.devices.projector import SimProjector
 from hypermask_sim.devices.sound import SimSoundIn
 from hypermask_sim.scenario import Scenario
@@ -41,6 +43,9 @@ class SimulatedCart:
         self.projector = self._device("projector", SimProjector)
         self.keypad = self._device("keypad", SimKeypad)
         self.sound = self._device("sound", SimSoundIn)
+        self.pantilt = self._device("pantilt", SimPanTilt)
+        if self.scenario.neck:
+            self.world.neck = self.pantilt.place_at
 
     @property
     def scenario(self) -> Scenario:
@@ -55,6 +60,22 @@ class SimulatedCart:
 def camera_model(world: World) -> Pinhole:
     """The camera as its factory calibration knows it."""
     return Pinhole(world.camera.K, world.camera.size)
+
+
+def nominal_screen(world: World) -> Fixed:
+    """A Mask-bot's screen as its builder knows it."""
+    projector, screen = world.scenario.projector, world.scenario.screen
+    size = (projector.width, projector.height)
+    return nominal_fixed(size, projector.focal_px, screen.lens_m, screen.k, projector.centre_px)
+
+
+def true_screen(world: World) -> Fixed:
+    """The true map of a Mask-bot, as near as a calibration can hold it."""
+    assert world.mounted is not None
+    points = control_points(world.mask, 9, 13)
+    rotation, translation = world.mounted
+    pixels = world.projector.lens.image(points @ rotation.T + translation)
+    return solve(points, pixels, nominal_screen(world), world.mask, sigma_px=0.02).fixed
 
 
 def true_procam(world: World) -> ProCam:

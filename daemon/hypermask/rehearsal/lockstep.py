@@ -14,17 +14,20 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from hypermask.calibration.fixed import Fixed
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.planar import Planar
 from hypermask.face.action_units import COUNT
 from hypermask.loudspeaker.settings import Loudspeaker
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
+from hypermask.rehearsal.head import HeadLog
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import Casting
 from hypermask.rehearsal.visitors import SHELF, Visitors
 from hypermask.show.engine import ShowEngine
 from hypermask.show.scene import describe
-from hypermask.stage.renderer import DrawItem, StageRenderer
+from hypermask.stage.renderer import DrawItem
+from hypermask.stage.screen import ScreenMapping
 from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.motion_model import MotionParameters
@@ -32,11 +35,21 @@ from hypermask.tracking.tracker import Tracker, TrackerSettings, TrackResult
 from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.alignment import AlignmentSettings, PhaseAligner
 from hypermask.workers.board import Board
+from hypermask.workers.calibration_watch import CalibrationWatch
 from hypermask.workers.cast import DOTS, Cast
 from hypermask.workers.dresser import Dresser
+from hypermask.workers.modes import Modes
+from hypermask.workers.pantilt import PERIOD_S as NECK_PERIOD_S
+from hypermask.workers.pantilt import PanTiltWorker
 from hypermask.workers.retry import Kept
 from hypermask.workers.show import ShowWorker
-from hypermask.workers.stage import Picture, StageWorker, TrackReader, mapping_for
+from hypermask.workers.stage import (
+    Picture,
+    StageWorker,
+    mapping_for,
+    reader_for,
+    renderer_for,
+)
 from hypermask.workers.tracker import TrackerWorker
 from hypermask.workers.voice import VoiceWorker
 from hypermask.workers.wings import Wings
@@ -69,12 +82,14 @@ class LockStep:
     def __init__(
         self,
         cart: SimulatedCart,
-        calibration: ProCam | Planar,
+        calibration: ProCam | Planar | Fixed,
         casting: Casting,
         board: Board | None = None,
         models: MotionParameters | None = None,
+        modes: Callable[[Board], Modes] | None = None,
     ) -> None:
-        """models: of the performer's motion, instead of those that came with the program."""
+        """models: of the performer's motion, instead of those that came with the program. modes:
+        what the keypad may be lent to; a calibration that is stored then is taken over."""
         self.cart = cart
         self._models = models
         self._folder = tempfile.TemporaryDirectory(prefix="hypermask-") if board is None else None
@@ -83,40 +98,56 @@ class LockStep:
         self._latency = scenario.latency
         self.observer = TrackingObserver(world)
         self.last_seen: tuple[Frame, TrackResult] | None = None
-        motion = MotionFilter(models=models)
-        self.tracker = TrackerWorker(
-            cart.camera,
-            Tracker(world.mask.leds, camera_model(world), TrackerSettings(), motion),
-            motion,
-            self.board,
-            clock,
-            journal,
-            aligner=PhaseAligner(AlignmentSettings()),
-            charge_s=self._latency.tracking_ms * 1e-3,
-            observer=self._observe,
+        # A screen that is fixed to its projector needs no camera.
+        self.tracker = None if isinstance(calibration, Fixed) else self._tracker()
+        self.head = (
+            PanTiltWorker(cart.pantilt, self.board, clock, journal) if scenario.neck else None
         )
+        self._head_s = world.origin_s
+        self.head_log = HeadLog()
         self.voice = VoiceWorker(
             cart.sound, self.board, clock, journal, VoiceSettings(mode=scenario.voice.mode)
         )
         engine = ShowEngine(casting.show, clock.now())
-        self.show = ShowWorker(cart.keypad, engine, self.board, clock, journal)
+        offered = modes(self.board) if modes is not None else None
+        self.show = ShowWorker(cart.keypad, engine, self.board, clock, journal, modes=offered)
         # In real time the dresser is another process.
         self._guests = _guests(cart, self.board) if board is None else None
         self.projector = Kept(cart.projector, "projector", clock, journal)
         self._await_projector()
         self._build_stage(casting, calibration)
+        self._watch = None if modes is None else CalibrationWatch(self._take_over, journal)
         self._shown: list[Image] = []
 
-    def _build_stage(self, casting: Casting, calibration: ProCam | Planar) -> None:
+    def _take_over(self, calibration: ProCam | Planar | Fixed) -> bool:
+        return self.stage.take_over(calibration, self.cart.world.mask)
+
+    def _tracker(self) -> TrackerWorker:
+        world, motion = self.cart.world, MotionFilter(models=self._models)
+        return TrackerWorker(
+            self.cart.camera,
+            Tracker(world.mask.leds, camera_model(world), TrackerSettings(), motion),
+            motion,
+            self.board,
+            self.cart.clock,
+            self.cart.journal,
+            aligner=PhaseAligner(AlignmentSettings()),
+            charge_s=self._latency.tracking_ms * 1e-3,
+            observer=self._observe,
+        )
+
+    def _build_stage(self, casting: Casting, calibration: ProCam | Planar | Fixed) -> None:
         world, projector = self.cart.world, self.cart.projector
         self._mode = projector.mode
         size = (self._mode.width, self._mode.height)
         settings = StageSettings(brightness_limit=world.scenario.stage.brightness_limit)
-        renderer = StageRenderer(projector.context, size, world.mask, settings)
+        renderer = renderer_for(calibration, projector.context, size, world.mask, settings)
         self.test_only = tuple(casting.sources.values()) == (DOTS,)
         sources = casting.sources if self.test_only else {**casting.sources, DOTS: DOTS}
         cast = Cast(sources, world.mask, renderer)
-        reader = TrackReader(self.board, world.scenario.tracking.prediction, self._models)
+        reader = reader_for(
+            calibration, self.board, world.scenario.tracking.prediction, self._models
+        )
         mapping = mapping_for(calibration, world.mask, reader)
         period_s = 1 / self._mode.rate_hz
         loudspeaker = Loudspeaker.model_construct(delay_ms=world.scenario.loudspeaker.delay_ms)
@@ -199,6 +230,8 @@ class LockStep:
         """A picture of a mask straight ahead; black without items."""
         width, height = self._mode.width, self._mode.height
         matrix = np.array([[900.0, 0, 0, width / 2], [0, -900.0, 0, height / 2], [0, 0, 0, 1.0]])
+        if self.tracker is None:
+            matrix = ScreenMapping(self.cart.world.mask).at(0.0)
         return Picture(0.0, matrix if items else None, tuple(items), 0.5, None)
 
     def play(self, duration_s: float) -> Iterator[Flip | None]:
@@ -228,23 +261,17 @@ class LockStep:
         shown_s = projector.use(lambda device: device.present())
         if shown_s is None or not self._shown:
             return None
-        clock.sleep_until(shown_s)
+        self._wait(shown_s)
         shown = self._shown[-1]
         return Flip(index, shown_s, picture, shown, shown if probe is None else probe)
 
     def _until(self, latch_s: float) -> None:
         """Let the tracker, the voice and the show do what they can before the latch."""
-        clock, camera = self.cart.clock, self.cart.camera
+        clock = self.cart.clock
         last_s = latch_s - self._latency.tracking_ms * 1e-3
-        while True:
-            arrival_s = self.tracker.camera.use(lambda _: camera.next_arrival_s())
-            if arrival_s is None or arrival_s > last_s + 1e-9:
-                break
-            clock.sleep_until(arrival_s)
-            self.tracker.step()
-        clock.sleep_until(last_s)
-        self.tracker.step()
-        clock.sleep_until(latch_s)
+        if self.tracker is not None:
+            self._track_until(self.tracker, last_s)
+        self._wait(latch_s)
         while self.voice.step():
             pass
         if self._guests is not None:
@@ -254,6 +281,30 @@ class LockStep:
             self.wings.work(clock.now(), math.inf)
         while self.show.step():
             pass
+        if self._watch is not None:
+            self._watch.step(clock.now())
+
+    def _track_until(self, tracker: TrackerWorker, last_s: float) -> None:
+        camera = self.cart.camera
+        while True:
+            arrival_s = tracker.camera.use(lambda _: camera.next_arrival_s())
+            if arrival_s is None or arrival_s > last_s + 1e-9:
+                break
+            self._wait(arrival_s)
+            tracker.step()
+        self._wait(last_s)
+        tracker.step()
+
+    def _wait(self, until_s: float) -> None:
+        """Let the time pass; the neck takes its turns on the way."""
+        clock, head = self.cart.clock, self.head
+        while head is not None and self._head_s <= until_s:
+            clock.sleep_until(self._head_s)
+            if head.step():
+                place = self.cart.pantilt.place_at(clock.now())
+                self.head_log.take(clock.now(), self.board.neck.latest(), place, head.limits())
+            self._head_s += NECK_PERIOD_S
+        clock.sleep_until(until_s)
 
     def draw_probe(self, picture: Picture) -> moderngl.Framebuffer:
         """The same frame with dots, drawn by the same renderer with the same numbers."""

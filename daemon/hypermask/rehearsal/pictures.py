@@ -11,7 +11,7 @@ from hypermask.rehearsal.cart import SimulatedCart
 from hypermask.rehearsal.lockstep import Flip
 from hypermask.tracking.tracker import TrackResult
 from hypermask_drivers.camera import Frame
-from hypermask_sim.audience import Audience
+from hypermask_sim.audience_robot import audience_of
 from hypermask_sim.film import FilmWriter
 from hypermask_sim.sheet import Moment
 
@@ -30,7 +30,7 @@ class Pictures:
     ) -> None:
         self._rate_hz = rate_hz
         self._cart = cart
-        self._audience = Audience(cart.projector.context, cart.world, FILM_SIZE)
+        self._audience = audience_of(cart.projector.context, cart.world, FILM_SIZE)
         voice = cart.world.voice
         rate = cart.scenario.microphone.rate_hz
         # The audience hears the loudspeaker, which waits for the mouth.
@@ -56,7 +56,12 @@ class Pictures:
         if moment:
             self._wanted.pop(0)
             frame, leds = (None, None) if seen is None else (seen[0].image.copy(), seen[1].points)
-            self.moments.append(Moment(now, caption, view, flip.shown.copy(), frame, leds))
+            neck = self._cart.world.neck
+            head = None
+            if neck is not None:
+                pan, tilt = np.degrees(neck(flip.picture.light_s))
+                head = (float(pan), float(tilt))
+            self.moments.append(Moment(now, caption, view, flip.shown.copy(), frame, leds, head))
 
     def close(self) -> None:
         """Finish the film; it appears under its name only when it is whole."""

@@ -172,6 +172,8 @@ class RealTimeStage:
     def _box(self, picture: Picture, width: int, height: int) -> tuple[int, int, int, int] | None:
         if picture.matrix is None:
             return None
+        if self._lockstep.tracker is None:  # a fixed screen: its map is no matrix
+            return (0, 0, width, height)
         outline = self._cart.world.mask.settings.outline
         x, y = outline.half_width_m, outline.half_height_m
         corners = [[a, b, z] for a in (-x, x) for b in (-y, y) for z in (-0.03, 0.05)]

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hypermask import paths
+from hypermask.calibration.fixed import Fixed
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.planar import Planar
 from hypermask.errors import HypermaskError
@@ -61,7 +62,7 @@ def play(
     out: Path | None,
     pictures: bool = True,
     quiet: bool = False,
-    calibration: ProCam | Planar | None = None,
+    calibration: ProCam | Planar | Fixed | None = None,
 ) -> dict[str, Any]:
     """Play in lock-step. With `out` None nothing is written. calibration: instead of making one."""
     rehearsal = Rehearsal(scenario, calibration)
@@ -78,7 +79,7 @@ class Rehearsal:
     def __init__(
         self,
         scenario: Scenario,
-        calibration: ProCam | Planar | None = None,
+        calibration: ProCam | Planar | Fixed | None = None,
         clock: Clock | None = None,
         board: Board | None = None,
         models: MotionParameters | None = None,
@@ -186,6 +187,7 @@ class Rehearsal:
                 "voice": _charged(latency.voice_ms),
             },
             "missed_flips": lockstep.missed_flips,
+            "head": lockstep.head_log.report(origin_s),
             "arrivals": self.arrivals.report(origin_s),
             "calibration": self._calibration(),
             "outages": figures.outages(scenario, measured),
@@ -205,14 +207,17 @@ class Rehearsal:
                     calibration.expected_error_m(float(self.world.rest[2])) * 1e3, 4
                 ),
             }
+        if isinstance(calibration, Fixed):
+            return {"kind": "fixed", "expected_mm": round(calibration.expected_mm, 4)}
         return {"kind": "procam", "baseline_m": round(calibration.baseline_m, 5)}
 
     def _timings(self) -> dict[str, Any]:
         lockstep = self.lockstep
+        tracker = lockstep.tracker
         return {
             "what": "wall-clock time of each step on this machine, in milliseconds",
             "compute_ms": {
-                "tracking": figures.spread(lockstep.tracker.compute_s, 1e3),
+                "tracking": figures.spread([] if tracker is None else tracker.compute_s, 1e3),
                 "stage": figures.spread(lockstep.stage.compute_s, 1e3),
                 "voice": figures.spread(lockstep.voice.compute_s, 1e3),
             },

@@ -41,15 +41,32 @@ def _figures(report: dict[str, Any]) -> list[KeyFigure]:
     return [
         KeyFigure("registration, rms", _unit(registration["rms"], "mm"), "face to mask"),
         KeyFigure("95 % within", _unit(registration["p95"], "mm"), "of dots on the mask"),
-        KeyFigure("lead", _unit(lead["p50"], "ms"), "exposure to light"),
-        KeyFigure(
-            "tracked",
-            "-" if visible is None else f"{visible:.1%}",
-            "of frames",
-            None if visible is None else visible > 0.99,
+        *(
+            _of_head(report["head"])
+            if report["mapping"] == "fixed"
+            else [
+                KeyFigure("lead", _unit(lead["p50"], "ms"), "exposure to light"),
+                KeyFigure(
+                    "tracked",
+                    "-" if visible is None else f"{visible:.1%}",
+                    "of frames",
+                    None if visible is None else visible > 0.99,
+                ),
+                KeyFigure("wrong labels", str(wrong), "", wrong == 0),
+            ]
         ),
-        KeyFigure("wrong labels", str(wrong), "", wrong == 0),
         KeyFigure("missed flips", str(report["missed_flips"]), "", report["missed_flips"] == 0),
+    ]
+
+
+def _of_head(head: dict[str, Any] | None) -> list[KeyFigure]:
+    if head is None:
+        return []
+    gestures = [order for order in head["orders"] if order["gesture"] != "look"]
+    return [
+        KeyFigure("head", _unit(head["behind_ms"], "ms"), "behind its orders"),
+        KeyFigure("head, worst", _unit(head["behind_deg"]["max"], "deg"), "beside its way"),
+        KeyFigure("gestures", str(len(gestures)), f"of {len(head['orders'])} orders"),
     ]
 
 

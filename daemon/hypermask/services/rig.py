@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from hypermask import paths
+from hypermask.calibration.fixed import Fixed, nominal_fixed
 from hypermask.calibration.parameters import ProCam
 from hypermask.errors import ConfigError
 from hypermask.geometry import Pinhole, Pose, rotation_from_attitude
@@ -106,6 +107,20 @@ def nominal_projector(machine: MachineSettings) -> ProCam:
     pose = Pose(turned.T, -turned.T @ np.array(projector.position_m))
     size = (projector.width, projector.height)
     return ProCam(Pinhole.from_focal(projector.focal_px, centre, size), pose)
+
+
+def nominal_screen(machine: MachineSettings) -> Fixed:
+    """As `nominal_projector`, of a screen that is fixed to the projector."""
+    projector = machine.optics.projector
+    size = (projector.width, projector.height)
+    return nominal_fixed(
+        size,
+        projector.focal_px,
+        projector.position_m,
+        projector.k,
+        projector.centre_px,
+        projector.attitude_deg,
+    )
 
 
 def mask_folder(name: str) -> Path:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Generator
-from pathlib import Path
 
 # Software GL draws steadier without threads of its own where the other workers need the cores.
 os.environ.setdefault("LP_NUM_THREADS", "0")
@@ -15,8 +14,6 @@ import moderngl
 
 from hypermask.blackboard import Record
 from hypermask.calibration import storage
-from hypermask.calibration.parameters import ProCam
-from hypermask.calibration.planar import Planar
 from hypermask.errors import DataError, HypermaskError
 from hypermask.face.character import find_character, load_character
 from hypermask.face.face import Face
@@ -24,22 +21,27 @@ from hypermask.services.entrances import Entrances
 from hypermask.services.loop import Loop, Quiet
 from hypermask.services.overture import Overture, dark
 from hypermask.services.playbill import LAST_RESORT, playable_show
-from hypermask.services.rig import Rig, nominal_projector
+from hypermask.services.rig import Rig, nominal_projector, nominal_screen
 from hypermask.show.engine import ShowEngine
 from hypermask.show.showfile import ShowFile
 from hypermask.stage.pacing import Pacer
-from hypermask.stage.renderer import StageRenderer
+from hypermask.workers.calibration_watch import Calibration, CalibrationWatch
 from hypermask.workers.cast import Cast
 from hypermask.workers.costumes import Costumes
 from hypermask.workers.flipping import Flipper
 from hypermask.workers.retry import Kept
-from hypermask.workers.stage import Picture, StageWorker, TrackReader, mapping_for
+from hypermask.workers.stage import (
+    Picture,
+    StageWorker,
+    is_fixed,
+    mapping_for,
+    reader_for,
+    renderer_for,
+)
 from hypermask.workers.wings import Wings
 from hypermask_drivers.projector import Projector
 
 IDLE_S = 0.02
-LOOK_S = 1.0
-"""How often it is looked whether the calibration is another one."""
 ALONE_S = 2.0
 """Without a word from any show for so long, the first character plays as the show file has it."""
 
@@ -67,8 +69,8 @@ class StageLoop:
         self._context: moderngl.Context | None = None
         self._flipper: Flipper[Picture] | None = None
         self._tries = 0
-        self._looked_s = rig.clock.now()
-        self._calibrated = calibration_state()
+        # Before the calibration is read: what is stored from now on is taken over.
+        self._watch = CalibrationWatch(self._take_over, rig.report)
 
     def begin(self) -> None:
         """Black at once, whatever else takes its time; after an overture it is light already."""
@@ -102,16 +104,10 @@ class StageLoop:
             self._entrances.work(now_s, spare_s)
         else:
             self._wings.work(now_s, spare_s)
-        if now_s - self._looked_s >= LOOK_S:
-            self._looked_s = now_s
-            self._look()
+        self._watch.step(now_s)
 
-    def _look(self) -> None:
-        state = calibration_state()
-        if state != self._calibrated:
-            self._calibrated = state
-            self._worker.remap(mapping_for(self._calibration(), self._rig.mask, self._reader))
-            self._rig.report(self._clock.now(), "CAL-TAKEN", "The new calibration is in use.")
+    def _take_over(self, calibration: Calibration) -> bool:
+        return self._worker.take_over(calibration, self._rig.mask)
 
     def set_up(self) -> Generator[None, None, None]:
         """Everything for this projector's context, in steps of some ten milliseconds."""
@@ -122,10 +118,12 @@ class StageLoop:
         yield
         mask = rig.mask
         yield
+        size = (mode.width, mode.height)
+        calibration = self._calibration(size)
         renderer = (
             overture.renderer
             if overture is not None
-            else StageRenderer(device.context, (mode.width, mode.height), mask, settings)
+            else renderer_for(calibration, device.context, size, mask, settings)
         )
         renderer.complete(mask)
         yield
@@ -133,8 +131,8 @@ class StageLoop:
         first, face = self._first_face(show)
         yield
         yield from self._open_cast(cast, store, first, face, overture)
-        self._reader = TrackReader(rig.board, rig.machine.tracking.prediction)
-        mapping = mapping_for(self._calibration(), mask, self._reader)
+        self._reader = reader_for(calibration, rig.board, rig.machine.tracking.prediction)
+        mapping = mapping_for(calibration, mask, self._reader)
         self._worker = StageWorker(
             renderer,
             cast,
@@ -185,17 +183,30 @@ class StageLoop:
         scene["characters"][0] = first.encode()
         return scene
 
-    def _calibration(self) -> ProCam | Planar:
+    def _nominal(self) -> Calibration:
+        machine = self._rig.machine
+        if machine.mapping != "fixed":
+            return nominal_projector(machine)
+        return nominal_screen(machine)
+
+    def _calibration(self, size: tuple[int, int]) -> Calibration:
         """The stored one, or the machine's nominal optics, and CAL-NONE is said."""
         now_s = self._clock.now()
         try:
             stored, warning = storage.load_current()
         except DataError as error:
             self._rig.report(now_s, error.code, f"{error} The nominal optics are used.")
-            return nominal_projector(self._rig.machine)
+            return self._nominal()
         if warning is not None:
             self._rig.report(now_s, warning.partition(":")[0], warning)
-        return stored.calibration
+        calibration = stored.calibration
+        fixed = self._rig.machine.mapping == "fixed"
+        sized = getattr(calibration, "size", size) == size
+        if is_fixed(calibration) != fixed or not sized:
+            text = f"CAL-CART: {stored.name} ({stored.method}) is of another kind of machine."
+            self._rig.report(now_s, "CAL-CART", f"{text} The nominal optics are used.")
+            return self._nominal()
+        return calibration
 
     def status(self) -> str:
         return "lights the mask" if self.projector.is_ready else "waits for the projector"
@@ -208,17 +219,3 @@ class StageLoop:
             with contextlib.suppress(HypermaskError):
                 self.projector.use(dark)
         self._device.close()
-
-
-def calibration_state() -> tuple[object, ...]:
-    """Changes whenever another calibration is to be used."""
-    folder = storage.folder()
-    return tuple(_mark(path) for path in (folder / storage.CURRENT, folder))
-
-
-def _mark(path: Path) -> tuple[int, int] | None:
-    try:
-        stat = path.stat()
-    except OSError:
-        return None
-    return stat.st_mtime_ns, stat.st_ino

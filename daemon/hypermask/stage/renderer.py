@@ -101,6 +101,15 @@ class StageRenderer:
             uniform(program, "other").value = 1
         self._programs += mixing
 
+    @property
+    def context(self) -> moderngl.Context:
+        return self._context
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """(width, height) in pixels of the framebuffers to draw in."""
+        return self._size
+
     def load(self, key: str, actor: Actor, costume: Costume | None = None) -> None:
         """Send an actor to the GPU; one of the same key is replaced. Not within a frame's time.
 
@@ -229,11 +238,14 @@ class StageRenderer:
                 "The stage stays black until they are; look at the tracking and the calibration.",
             )
 
-    def _clear(self, framebuffer: moderngl.Framebuffer) -> None:
-        framebuffer.scissor = (0, 0, *self._size)
+    def _clear(
+        self, framebuffer: moderngl.Framebuffer, size: tuple[int, int] | None = None
+    ) -> None:
+        whole = (0, 0, *(size or self._size))
+        framebuffer.scissor = whole
         framebuffer.depth_mask = True
         framebuffer.color_mask = True, True, True, True
-        framebuffer.viewport = (0, 0, *self._size)
+        framebuffer.viewport = whole
         framebuffer.use()
         framebuffer.clear(0.0, 0.0, 0.0, 1.0)
         self._context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD

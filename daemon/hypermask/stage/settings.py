@@ -16,6 +16,8 @@ class StageSettings(Settings):
     projector_gamma: the projector's light is its pixel value to this power; textures are made
         for 2.2.
     outline_soft_m: width of the soft edge, all of it inside the mask's outline.
+    even_light: on a fixed screen, how much of the light's falling off towards its rim is taken
+        away by dimming the middle: 0 nothing, 1 all.
     eye_hole_margin_m: added to the eye holes' radius for the black discs.
     eye_hole_soft_m: width of the discs' soft edge, outside radius and margin.
     mask_lost_after_s, fade_out_s, fade_in_s: see `scene.MaskFade`.
@@ -26,6 +28,7 @@ class StageSettings(Settings):
     mean_light_limit: float = Field(1.0, gt=0, le=1)
     projector_gamma: float = Field(2.2, ge=1, le=4)
     outline_soft_m: float = Field(0.004, gt=0, le=0.03)
+    even_light: float = Field(0.5, ge=0, le=1)
     eye_hole_margin_m: float = Field(0.001, ge=0, le=0.02)
     eye_hole_soft_m: float = Field(0.0015, gt=0, le=0.01)
     mask_lost_after_s: float = Field(0.15, ge=0)

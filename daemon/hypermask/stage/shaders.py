@@ -104,6 +104,33 @@ void main() { colour = vec4(texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb, 
 """
 )
 
+LENS_VERTEX = (
+    _HEADER
+    + """
+in vec2 in_ndc;    // where the lens needs the light of this corner of the screen
+in vec2 in_uv;
+in float in_light;
+out vec2 uv;
+out float light;
+void main() {
+    uv = in_uv;
+    light = in_light;
+    gl_Position = vec4(in_ndc, 0.0, 1.0);
+}
+"""
+)
+
+LENS_FRAGMENT = (
+    _HEADER
+    + """
+uniform sampler2D flat_picture;
+in vec2 uv;
+in float light;
+out vec4 colour;
+void main() { colour = vec4(texture(flat_picture, uv).rgb * light, 1.0); }
+"""
+)
+
 OVERLAY_VERTEX = (
     _HEADER
     + """

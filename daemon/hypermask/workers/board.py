@@ -11,6 +11,7 @@ from hypermask.blackboard import LocalTopic, ReadTopic, SharedTopic, Topic
 from hypermask.loudspeaker.offset import LIP_SYNC
 from hypermask.neck.record import HEAD, NECK
 from hypermask.show.scene import SCENE
+from hypermask.stage.marks import OVERLAY
 from hypermask.tracking.motion import MOTION
 from hypermask.tracking.paper import POINT_MOTION
 from hypermask.workers.lesson_record import LESSON, LESSON_RESULT
@@ -94,16 +95,17 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
     "machine": MACHINE,
     "lesson": LESSON,
     "lesson_result": LESSON_RESULT,
+    "overlay": OVERLAY,
 }
 """Every topic by its name, which is its file's and its field's in `Board` too."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """track: by the tracker; mouth: by the voice; scene, neck, words and machine: by the show;
-    pace, curtain and lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in the
-    folder; head: by the pan-tilt worker; lesson: by whoever teaches the voice, lesson_result: by
-    the voice."""
+    """track: by the tracker; mouth: by the voice; scene, neck, words, machine and overlay: by the
+    show; pace, curtain and lip_sync: by the stage; wardrobe: by the dresser, whose costumes lie in
+    the folder; head: by the pan-tilt worker; lesson: by whoever teaches the voice, lesson_result:
+    by the voice."""
 
     track: Topic
     mouth: Topic
@@ -118,6 +120,7 @@ class Board:
     machine: Topic
     lesson: Topic
     lesson_result: Topic
+    overlay: Topic
     folder: Path | None = None
 
     @staticmethod

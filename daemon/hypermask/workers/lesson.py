@@ -65,7 +65,7 @@ class VoiceLesson:
     When it is over `result` says what was learnt, or `failure` why nothing was.
     """
 
-    name = "voice"
+    name = "lesson"
 
     def __init__(
         self,
@@ -128,6 +128,13 @@ class VoiceLesson:
         if now_s - self._beat_s >= BEAT_S:
             self._publish(now_s)
         return True
+
+    def end(self, now_s: float) -> None:
+        """Left before it was over, or after it: the voice worker no longer listens for it."""
+        if self._stage not in (_Stage.OVER, _Stage.ENDED):
+            self._fail(now_s, "VOICE-STOPPED", "the voice was not learnt", "Nothing was changed.")
+        if self._stage is _Stage.OVER:
+            self._enter(_Stage.ENDED, now_s, "")
 
     def words(self) -> str:
         """What to tell the operator now, one or two lines."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
@@ -29,6 +30,8 @@ from hypermask.stage.mapping import (
     ProCamCalibration,
     ProCamMapping,
 )
+from hypermask.stage.marks import cross_of, marks_of
+from hypermask.stage.marks import lit as overlay_lit
 from hypermask.stage.renderer import DrawItem, StageRenderer
 from hypermask.stage.scene import MaskFade, live_mouth
 from hypermask.stage.settings import StageSettings
@@ -38,6 +41,10 @@ from hypermask.tracking.paper import predict_points
 from hypermask.workers.board import KEPT, PACE, Board
 from hypermask.workers.cast import Cast
 
+if TYPE_CHECKING:
+    from hypermask.stage.overlay import Overlay
+
+_FAINT = (0.3, 0.3, 0.3)
 _AROUSAL_S = 0.4
 """In about this time an expression follows the voice's arousal."""
 FURTHEST_S = 0.15
@@ -48,7 +55,7 @@ FURTHEST_S = 0.15
 class Picture:
     """What one frame shows. matrix: (3, 4) projector_from_mask, or None for black;
     measured_s: mid-exposure of the newest measurement that the prediction used; heard_s: the
-    moment of the sound that shaped the mouth."""
+    moment of the sound that shaped the mouth; overlay: drawn in place of the face."""
 
     light_s: float
     matrix: Array | None
@@ -56,6 +63,7 @@ class Picture:
     brightness: float
     measured_s: float | None
     heard_s: float | None = None
+    overlay: Record | None = None
 
     @property
     def mouth_lag_s(self) -> float | None:
@@ -71,6 +79,8 @@ class Picture:
 class TrackReader:
     """Predicts from the newest track record; the mapping asks it at the latch."""
 
+    tracks = True
+
     def __init__(
         self, board: Board, prediction: str, models: MotionParameters | None = None
     ) -> None:
@@ -83,6 +93,11 @@ class TrackReader:
         """Latch the newest record for the coming frame."""
         self.track = self._board.track.latest()
         return self.track
+
+    def seen_s(self, now_s: float) -> float | None:
+        """When the mask was last seen, by the latched record."""
+        seen_s = -np.inf if self.track is None else float(self.track["seen_s"])
+        return seen_s if np.isfinite(seen_s) else None
 
     def pose(self, time_s: float) -> Pose | None:
         """camera_from_mask at `time_s`, None before the first measurement."""
@@ -100,8 +115,53 @@ class TrackReader:
         return predict_points(self.track["points"], time_s, mode)
 
 
+class ScreenReader(TrackReader):
+    """For a screen that is fixed to its projector: always there, nothing to track."""
+
+    tracks = False
+
+    def refresh(self) -> Record | None:
+        return None
+
+    def seen_s(self, now_s: float) -> float | None:
+        return now_s
+
+
+def is_fixed(calibration: object) -> bool:
+    """Whether it is of a screen that is fixed to its projector (`calibration.fixed.Fixed`); told by
+    what it can, as its module is not needed elsewhere and the stage starts first."""
+    return hasattr(calibration, "density")
+
+
+def renderer_for(
+    calibration: object,
+    context: moderngl.Context,
+    size: tuple[int, int],
+    mask: Mask,
+    settings: StageSettings,
+) -> StageRenderer:
+    """The renderer that belongs to a calibration, for framebuffers of `size` (width, height)."""
+    if is_fixed(calibration):
+        from hypermask.stage.screen import ScreenRenderer
+
+        return ScreenRenderer(context, size, mask, calibration, settings)  # type: ignore[arg-type]
+    return StageRenderer(context, size, mask, settings)
+
+
+def reader_for(
+    calibration: object, board: Board, prediction: str, models: MotionParameters | None = None
+) -> TrackReader:
+    reader = ScreenReader if is_fixed(calibration) else TrackReader
+    return reader(board, prediction, models)
+
+
 def mapping_for(calibration: object, mask: Mask, reader: TrackReader) -> Mapping:
-    """The mapping that belongs to a calibration: planar (paper) or projector matrix (default)."""
+    """The mapping that belongs to a calibration: planar (paper), projector matrix (default) or
+    fixed (Mask-bot)."""
+    if is_fixed(calibration):
+        from hypermask.stage.screen import ScreenMapping
+
+        return ScreenMapping(mask)
     if hasattr(calibration, "homography"):
         planar: PlanarCalibration = calibration  # type: ignore[assignment]
         return PlanarMapping(planar, mask, reader.points)
@@ -131,6 +191,7 @@ class StageWorker:
         self._lip_sync_s = -np.inf
         self._arousal_now, self._aroused_s = USUAL_AROUSAL, 0.0
         self._mapping, self._reader, self._board = mapping, reader, board
+        self._overlay: Overlay | None = None  # made when it is first wanted
         self._fade = fade or MaskFade(settings)
         self._settings = settings
         self._period_s = period_s
@@ -141,10 +202,6 @@ class StageWorker:
     def play_alone(self, scene: Record, from_s: float) -> None:
         """What to show from clock time `from_s` on when no show ever said anything."""
         self._alone = scene, from_s
-
-    def remap(self, mapping: Mapping) -> None:
-        """From the next frame on another calibration holds."""
-        self._mapping = mapping
 
     @property
     def reader(self) -> TrackReader:
@@ -158,11 +215,15 @@ class StageWorker:
     def latch(self, now_s: float, light_s: float) -> Picture:
         """What the frame whose light leaves at `light_s` shows, by all that is known now."""
         began = time.perf_counter()
-        track, scene = self._reader.refresh(), self._board.scene.latest()
+        self._reader.refresh()
+        scene, seen_s = self._board.scene.latest(), self._reader.seen_s(now_s)
         if scene is None and self._alone is not None and now_s >= self._alone[1]:
             scene = self._alone[0]
-        seen_s = float(track["seen_s"]) if track is not None else -np.inf
-        visible = self._fade.update(now_s, seen_s if np.isfinite(seen_s) else None)
+        visible = self._fade.update(now_s, seen_s)
+        overlay = self._board.overlay.latest()
+        if overlay_lit(overlay, now_s):
+            self._latch_s = time.perf_counter() - began
+            return Picture(light_s, None, (), 0.0, None, None, overlay)
         if scene is None or visible <= 0:
             self._latch_s = time.perf_counter() - began
             return Picture(light_s, None, (), 0.0, None)
@@ -175,7 +236,8 @@ class StageWorker:
         items = self._items(scene, mouth, arousal, light_s) if lit else ()
         self._latch_s = time.perf_counter() - began
         heard_s = None if sound is None else float(sound["time_s"])
-        picture = Picture(light_s, matrix, items, brightness, seen_s, heard_s)
+        measured_s = seen_s if self._reader.tracks else None
+        picture = Picture(light_s, matrix, items, brightness, measured_s, heard_s)
         if self._lip_sync is not None and items:
             self._lip_sync.add(picture.mouth_lag_s)
         return picture
@@ -216,10 +278,34 @@ class StageWorker:
             self._renderer.draw_black(framebuffer)
         else:
             self._renderer.draw(framebuffer, picture.matrix, picture.items, picture.brightness)
+        if picture.overlay is not None:
+            self._draw_overlay(framebuffer, picture.overlay)
         with framebuffer.ctx:
             framebuffer.ctx.finish()
         if picture.items and counted:
             self.compute_s.append(self._latch_s + time.perf_counter() - began)
+
+    def _draw_overlay(self, framebuffer: moderngl.Framebuffer, overlay: Record) -> None:
+        from hypermask.stage.overlay import Cross, Overlay
+
+        if self._overlay is None:
+            self._overlay = Overlay(self._renderer.context, self._renderer.frame_size)
+        for x, y in marks_of(overlay):
+            self._overlay.draw_cross(framebuffer, Cross((float(x), float(y)), 6.0, 0.5, _FAINT))
+        cross = cross_of(overlay)
+        if cross is not None:
+            self._overlay.draw_cross(framebuffer, Cross(cross))
+
+    def take_over(self, calibration: object, mask: Mask) -> bool:
+        """Draw through another calibration from the next frame on; False where it belongs to
+        another kind of machine."""
+        bend = getattr(self._renderer, "bend", None)
+        if is_fixed(calibration) != (bend is not None):
+            return False
+        if bend is not None:
+            return bool(bend(calibration))
+        self._mapping = mapping_for(calibration, mask, self._reader)
+        return True
 
     def announce(self, flip_s: float, latch_lead_s: float) -> None:
         """Publish the pace, by which the tracker puts the camera's frames just before the latch."""

@@ -85,6 +85,12 @@ class SimPanTilt(SimDevice, PanTilt):
         self._homing_s = settings.homing_s
         self._moves = [Move(0.0, (low + high) / 2, 0.0, []) for low, high in self._ranges]
 
+    def place_at(self, time_s: float) -> tuple[float, float]:
+        """Pan and tilt in rad at a clock time, by the orders so far; for `World.neck`."""
+        time_s -= self.world.origin_s
+        pan, tilt = (move.at(time_s)[0] for move in self._moves)
+        return pan, tilt
+
     @property
     def limits(self) -> PanTiltLimits:
         return PanTiltLimits(self._ranges[0], self._ranges[1], self._top_speed)
