@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hypermask_sim.appliance.image import Image, build
 from hypermask_sim.appliance.report import Part, Step
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "build/appliance-report"
+DEBS = ROOT / "build/deb"
+NEXT_DEBS = ROOT / "build/appliance/next"
 TOOLS = ("qemu-system-x86_64", "mmdebstrap", "mkfs.ext4", "dpkg-deb")
 _PART = pytest.StashKey[Part]()
 _STEP = pytest.StashKey[Step]()
@@ -52,6 +55,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     report = yield
     step = item.stash.get(_STEP, None)
     if step is not None:
+        item.failed = getattr(item, "failed", False) or report.outcome != "passed"  # type: ignore[attr-defined]
         step.seconds += report.duration
         if report.outcome == "failed" or (report.outcome == "skipped" and report.when != "teardown"):
             step.outcome = report.outcome
@@ -80,3 +84,22 @@ class Record:
 @pytest.fixture
 def record(request: pytest.FixtureRequest) -> Record:
     return Record(request.config.stash[_PART], request.node.stash[_STEP])
+
+
+@pytest.fixture(scope="session")
+def disk() -> Image:
+    """The appliance's disk: a Debian with the packages of `make deb` in it, built where it is not
+    there (`make appliance`)."""
+    debs = sorted(DEBS.glob("*.deb"))
+    if not debs:
+        pytest.fail("there are no packages in build/deb: run make deb")
+    return build(ROOT / "build/appliance", debs)
+
+
+@pytest.fixture(scope="session")
+def next_debs() -> list[Path]:
+    """The same packages with a higher version."""
+    debs = sorted(NEXT_DEBS.glob("*.deb"))
+    if not debs:
+        pytest.fail("there is no next version in build/appliance/next: run make appliance")
+    return debs

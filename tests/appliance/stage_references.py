@@ -49,9 +49,12 @@ _NOISES = 4
 
 @dataclass(frozen=True)
 class Place:
-    """Where the mask is held: metres from the camera, degrees."""
+    """Where the mask is held: metres from the camera, right of and above the middle of the
+    projector's picture as the camera sees it; degrees."""
 
     distance_m: float = 1.4
+    right_m: float = 0.0
+    up_m: float = 0.0
     roll: float = 0.0
     pitch: float = 0.0
     yaw: float = 0.0
@@ -70,8 +73,7 @@ class Cart:
     def world(self, place: Place, motion: str = "still", speed: float = 1.0) -> World:
         camera, projector = self.machine.optics.camera, self.machine.optics.projector
         roll, pitch, yaw = projector.attitude_deg
-        return World(
-            Scenario(
+        scenario = Scenario(
                 mask=str(mask_folder(self.machine.mask)),
                 camera=CameraSettings(
                     width=camera.width, height=camera.height, focal_px=camera.focal_px,
@@ -86,8 +88,11 @@ class Cart:
                     motion=(motion,), speed=speed, distance_m=place.distance_m,
                     attitude_deg=Attitude(roll=place.roll, pitch=place.pitch, yaw=place.yaw),
                 ),
-            )
-        )  # fmt: skip
+            )  # fmt: skip
+        x, y, z = World(scenario).rest
+        rest = (float(x) + place.right_m, float(y) - place.up_m, float(z))
+        performer = scenario.performer.model_copy(update={"position_m": rest})
+        return World(scenario.model_copy(update={"performer": performer}))
 
     def frames(self, place: Place) -> bytes:
         """What the camera sees of a mask that is held still: some frames that differ in noise."""

@@ -8,7 +8,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -65,6 +65,11 @@ class VirtualShow:
         self.cart = VirtualCart(self._machine)
         self.watcher = Watcher(self.cart.second_monitor(), self.work)
         self.watcher.start()
+
+    def without(self, arguments: tuple[str, ...]) -> None:
+        """The next start is without these arguments of the kernel."""
+        kept = [each for each in self._machine.kernel_arguments if each not in arguments]
+        self._machine = replace(self._machine, kernel_arguments=kept)
 
     def power_cut(self) -> None:
         self.watcher.stop()

@@ -62,7 +62,7 @@ class Machine:
     source: Path
     memory_mb: int = 2048
     instruction_ns: int | None = 4
-    screen: tuple[int, int] = (1280, 800)
+    screen: tuple[int, int] = (1280, 720)
     disk: Path | None = None
     ptu: Path | None = None
     extra: Sequence[str] = ()
@@ -169,6 +169,9 @@ class VirtualCart:
     def wait_event(self, name: str, timeout_s: float) -> dict[str, Any]:
         """The next event of that name, or one that was seen already. Raises `TimeoutError`."""
         return self._monitor.wait_event(name, timeout_s)
+
+    def forget_events(self) -> None:
+        self._monitor.forget_events()
 
     def second_monitor(self) -> Monitor:
         """Another connection, for another thread."""

@@ -47,13 +47,14 @@ class GuestClock:
 
 @dataclass(frozen=True)
 class Glance:
-    """One look at the screen: guest time before and after it, a number of the picture's bytes, and
-    the share of its pixels that are lit."""
+    """One look at the screen: guest time before and after it, a number of the picture's bytes, the
+    share of its pixels that are lit, and its width (640 is QEMU's own, before there is a mode)."""
 
     before_s: float
     after_s: float
     picture: str
     lit: float
+    width: int
 
 
 @dataclass
@@ -97,7 +98,7 @@ class Watcher:
         self._now_s = self.clock.now()
         lit = float((picture.max(axis=2) >= DARK).mean())
         number = hashlib.blake2b(picture.tobytes(), digest_size=8).hexdigest()
-        self.glances.append(Glance(before_s, self._now_s, number, lit))
+        self.glances.append(Glance(before_s, self._now_s, number, lit, picture.shape[1]))
         return picture
 
     def between(self, start_s: float, end_s: float) -> list[Glance]:
