@@ -203,7 +203,7 @@ def _draw_head(
         left, top = np.round(middle + at).astype(int)
         box(page, (int(left), int(top)), (max(int(span[0]), 1), max(int(span[1]), 1)), LINE)
     place = np.clip(np.array([head_deg[0], -head_deg[1]]) * scale, -half, half)
-    ring(page, middle + place, 7.0, ACCENT)
+    ring(page, [float(v) for v in middle + place], 7.0, ACCENT)
 
 
 def _draw_plot(

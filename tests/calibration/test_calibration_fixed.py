@@ -1,4 +1,4 @@
-"""A fixed screen: control points, keys, and what they make of a lens that is not as it should be."""
+"""A fixed screen: control points, keys, and what they make of a lens that is not as drawn."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def error_mm(fixed: Fixed, truth: Callable[[Array], Array] = TRUTH.project) -> f
 
 def test_the_lens_is_that_of_opencv() -> None:
     lens = Fisheye(NOMINAL.lens.matrix, np.array([0.03, -0.01, 0.002, 0.001]), (1280, 800))
-    points = np.random.default_rng(0).normal(0, 0.1, (50, 3)) + [0, 0, 0.15]
+    points = np.random.default_rng(0).normal([0, 0, 0.15], 0.1, (50, 3))
     points = points[points[:, 2] > 0.01]
     theirs = cv2.fisheye.projectPoints(
         points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), lens.matrix, lens.k

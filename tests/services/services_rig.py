@@ -38,7 +38,7 @@ block_ms = 20
 """
 OPTICS = {
     "camera": {"focal_px": 450.0, "width": 640, "height": 400},
-    "projector": {"focal_px": 480.0, "width": 320, "height": 180},
+    "projector": {"focal_px": 480.0, "width": 320, "height": 180, "centre_px": [159.5, 179.5]},
 }
 
 

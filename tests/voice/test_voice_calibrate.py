@@ -75,6 +75,16 @@ def test_wrong_vowels_are_refused_and_right_ones_are_not():
 
 
 @needs_data
+def test_running_speech_is_no_vowel():
+    from hypermask.voice.wav import read_wav
+
+    speech, _ = read_wav(DATA / "speech" / "austen-0870.wav")
+    windows = [speech[at : at + 24_000] for at in range(8_000, len(speech) - 24_000, 8_000)]
+    taken = [problem(asked, window) is None for window in windows for asked in "aiueo"]
+    assert np.mean(taken) <= 0.1
+
+
+@needs_data
 def test_who_insists_on_a_vowel_is_believed_sooner_but_not_any_sound():
     assert check("i", take("a"), NETWORK, insists=True).problem[0] == "VOICE-WRONG"
     people = ("m14", "m49", "m47", "m13")

@@ -11,7 +11,9 @@ from hypermask.errors import DataError
 from hypermask.voice import stage_noise, synthesis
 from hypermask.voice.corpus import (
     FRAMES,
+    LEAD,
     Mixer,
+    Piece,
     at_pitch,
     led,
     of_utterance,
@@ -109,3 +111,27 @@ def test_sequences_are_whole_and_the_same_each_time():
     assert np.isfinite(one.features).all()
     heard = set(np.unique(one.targets.argmax(axis=2)))
     assert heard == {SILENCE, CLASSES.index("aa")}
+
+
+def test_a_single_word_begins_soon_and_its_answer_runs_ahead_of_it():
+    count = 60
+    sound = np.zeros(count * 160, np.float32)
+    sound[20 * 160 : 40 * 160] = np.sin(0.3 * np.arange(20 * 160))
+    targets = np.zeros((count, len(CLASSES)), np.float16)
+    targets[:, SILENCE] = 1
+    targets[20:40] = np.eye(len(CLASSES))[CLASSES.index("aa")]
+    word = Piece(sound, targets, np.ones(count, np.float16), 0.5)
+    mixer = Mixer([(1.0, lambda rng: [word])], [word], 80, single=True)
+    made = mixer.sequences(20, np.random.default_rng(0))
+    assert made.features.shape[:2] == (20, 80)
+    said = made.targets.argmax(axis=2) == CLASSES.index("aa")
+    assert said.sum(axis=1).tolist() == [20] * 20
+    assert said.argmax(axis=1).min() == 20 - LEAD
+    assert said.argmax(axis=1).max() < 32
+
+
+def test_nonsense_has_the_same_syllables_in_both_scripts():
+    latin, kana = (synthesis.nonsense(np.random.default_rng(3), script) for script in (False, True))
+    assert latin.isascii()
+    assert not kana.replace("、", "").replace(" ", "").isascii()
+    assert latin.count(" ") == kana.count(" ") + kana.count("、")

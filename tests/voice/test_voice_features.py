@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from voice_sounds import noise, spoken
 
-from hypermask.voice.features import FEATURES, LogMel, Normaliser, Spectrum, framed
+from hypermask.voice.features import FEATURES, LogMel, Normaliser, Spectrum, framed, warped
 
 
 def heard(sound, normaliser=None):
@@ -32,6 +32,24 @@ def test_pitch_and_voicing_of_a_voice_and_of_noise():
     assert np.median(voice.pitch_hz) == pytest.approx(120, abs=4)
     assert np.median(voice.voicing) > 0.8
     assert np.median(LogMel()(framed(noise(0.3, -20, slope=0.0))).voicing) < 0.6
+
+
+def test_a_shorter_vocal_tract_has_its_formants_higher():
+    tones = [LogMel()(np.sin(np.pi * hz / 8000 * np.arange(400))[None]) for hz in (1000, 1200)]
+    low, high = (tone.bands_db[0] for tone in tones)
+    assert abs(int(np.argmax(warped(low, 1.2))) - int(np.argmax(high))) <= 1
+    assert np.argmax(warped(low, 1.2)) > np.argmax(low)
+    np.testing.assert_allclose(warped(low, 1.0), low, atol=1e-3)
+
+
+def test_the_pitch_of_a_voice_is_heard_and_noise_has_none():
+    from_voice, from_noise = (
+        heard(spoken("a", 0.4))[:, -1],
+        heard(noise(0.4, -20, slope=0.0))[:, -1],
+    )
+    assert np.median(from_voice) == pytest.approx(np.log2(120 / 180), abs=0.15)
+    assert np.abs(np.median(from_noise)) < 0.5
+    assert np.isfinite(heard(np.zeros(3200))).all()
 
 
 def test_twenty_decibels_more_or_less_make_no_difference_soon():

@@ -259,8 +259,10 @@ def test_a_lesson_that_is_left_is_over_for_the_voice_as_well() -> None:
     assert lesson.failure is not None and lesson.failure.code == "VOICE-STOPPED"
 
 
-@pytest.mark.parametrize("key", ["minus", "numlock"])
-@pytest.mark.parametrize("after_s", [0.0, 0.5, 2.0, 4.0, 9.0])
+@pytest.mark.parametrize(
+    ("key", "after_s"),
+    [("minus", 0.0), ("numlock", 0.5), ("minus", 2.0), ("numlock", 4.0), ("minus", 9.0)],
+)
 def test_minus_stops_it_at_any_time_and_changes_nothing(key: str, after_s: float) -> None:
     rehearsal = Rehearsal(lambda asked, before: said("w21", asked))
     lesson = keyed(rehearsal)

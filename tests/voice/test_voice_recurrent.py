@@ -10,8 +10,8 @@ import pytest
 from hypermask.errors import DataError
 from hypermask.voice import recurrent, recurrent_train
 from hypermask.voice.features import FEATURES
-from hypermask.voice.recurrent import LOOKAHEADS
-from hypermask.voice.recurrent_train import Sequences
+from hypermask.voice.recurrent import LOOKAHEADS, UNITS
+from hypermask.voice.recurrent_train import Lesson, Sequences
 from hypermask.voice.visemes import CLASSES
 
 
@@ -23,16 +23,19 @@ def some_sequences(count=3, frames=12, seed=0) -> Sequences:
 
 
 def any_weights(seed=0):
-    return recurrent_train.initial(some_sequences(), np.random.default_rng(seed))
+    return recurrent_train.initial(some_sequences().features, np.random.default_rng(seed))
 
 
 def any_network(seed=0) -> recurrent.Recurrent:
     return recurrent.Recurrent(**any_weights(seed))
 
 
-def test_the_gradients_are_those_of_the_loss():
+@pytest.mark.parametrize("dropped", [False, True])
+def test_the_gradients_are_those_of_the_loss(dropped):
     weights, data = any_weights(), some_sequences()
-    parts = (data.features, data.targets, data.weight)
+    masks = np.random.default_rng(5).integers(0, 2, (2, 3, UNITS)).astype(np.float32) * 1.5
+    kept = (masks[0], masks[1]) if dropped else None
+    parts = (data.features, data.targets, data.weight, kept)
     _, gradients = recurrent_train.loss_and_gradients(weights, *parts)
     assert set(gradients) == {name for name in weights if not name.startswith("input_")}
     for name, gradient in gradients.items():
@@ -55,15 +58,27 @@ def test_it_learns_what_was_said_before():
     weight[:, :2] = 0
     losses: list[float] = []
     recurrent_train.train(
-        Sequences(features, targets, weight), 150, rng, batch=32, frames=20,
-        progress=losses.append,
-    )  # fmt: skip
+        [Lesson(Sequences(features, targets, weight), 32, 20)], 250, rng, progress=losses.append
+    )
     assert np.mean(losses[-10:]) < 0.55 < 1.0 < losses[0]
+
+
+def test_a_lesson_takes_every_sequence_once_before_any_twice():
+    features = np.arange(6, dtype=np.float32)[:, None, None] * np.ones((6, 9, FEATURES), np.float32)
+    sequences = Sequences(features, np.zeros((6, 9, len(CLASSES))), np.ones((6, 9)))
+    batches = Lesson(sequences, 2, 4).batches(np.random.default_rng(0))
+    taken = [next(batches) for _ in range(3)]
+    assert sorted(np.concatenate([batch[0][:, 0, 0] for batch in taken])) == list(range(6))
+    assert all(batch[0].shape == (2, 4, FEATURES) and batch[2].shape == (2, 4) for batch in taken)
 
 
 def test_training_is_the_same_each_time():
     one, same = (
-        recurrent_train.train(some_sequences(), 3, np.random.default_rng(1), batch=2)
+        recurrent_train.train(
+            [Lesson(some_sequences(), 2, 12), Lesson(some_sequences(4, 20), 2, 8, 0.5)],
+            3,
+            np.random.default_rng(1),
+        )
         for _ in range(2)
     )
     np.testing.assert_array_equal(one.second_state, same.second_state)

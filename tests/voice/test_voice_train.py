@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from voice_sounds import DATA, needs_data
 
-from hypermask.voice import default_train, paper_train
+from hypermask.voice import default_train, material, paper_train, synthesis
 from hypermask.voice.backprop import train as backpropagate
 from hypermask.voice.evaluate import evaluate_paper
 from hypermask.voice.examples import Examples, examples
@@ -62,6 +62,24 @@ def test_a_small_data_base_serves_a_stranger_better_than_a_random_member():
     strangers = some_vowels({"m06", "w06"})
     assert chosen > 0.5
     assert evaluate_paper(strangers, base)["frame_accuracy"] > 0.5
+
+
+@needs_data
+def test_every_speaker_is_left_out_once_and_every_group_by_thirds():
+    table = DATA / "vowels" / "vowels.csv"
+    vowels = [read_vowel(table, row) for row in read_table(table) if row["vowel"] == "ah"]
+    parts = [material.left_out(vowels, part) for part in (1, 2, 3)]
+    assert sum(map(len, parts)) == 100
+    assert set().union(*parts) == {vowel.speaker for vowel in vowels}
+    for group in "mwbg":
+        sizes = [sum(name.startswith(group) for name in part) for part in parts]
+        assert max(sizes) - min(sizes) <= 1
+
+
+def test_voices_that_measure_are_never_trained_on_nor_chosen_by():
+    taught = {*material.VARIANTS, *synthesis.FLITE_VOICES, *synthesis.FESTIVAL_VOICES}
+    assert set(material.VALIDATION) < taught
+    assert not set(material.UNHEARD) & {*material.VARIANTS, *material.VALIDATION}
 
 
 @pytest.mark.parametrize("tool", [default_train, paper_train])

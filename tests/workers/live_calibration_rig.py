@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from hypermask import paths
 from hypermask.calibration.fixed import Fixed
 from hypermask.calibration.parameters import ProCam
 from hypermask.calibration.session import LEAST_FRAMES, Phase
@@ -29,14 +30,20 @@ from hypermask.workers.board import Board
 from hypermask.workers.calibration_mode import CalibrationMode, Subject, calibration_modes
 from hypermask.workers.modes import Modes
 from hypermask_drivers.clock import VirtualClock
+from hypermask_sim.dots import load_dots
+from hypermask_sim.judge import Judge
 from hypermask_sim.operator import Operator, screen_look, true_look
 from hypermask_sim.scenario import Attitude, Scenario
 from hypermask_sim.world import World
 
 BRIGHT = 128
 """The cross-hair is bright, the marks that are done are faint."""
-BETWEEN_KEYS = 3
+BETWEEN_KEYS = 2
 """Flips from a key to the next: the key's way to the light."""
+
+
+def judge_of(world: World) -> Judge:
+    return Judge(world, load_dots(paths.configs() / "characters" / "dots"))
 
 
 @dataclass
@@ -87,6 +94,12 @@ class LiveCart:
     def session(self) -> Any:
         return self.mode.course.session  # type: ignore[union-attr]
 
+    @property
+    def rms_mm(self) -> float:
+        """How far the test dots are beside their places, in the frame that is shown next."""
+        flip = self.flip()
+        return judge_of(self.world).examine(flip.probe, flip.picture.light_s).rms_mm
+
     def begin(self, name: str = "calibrate") -> None:
         self.lockstep.show.keeper.begin(name, self.cart.clock.now())
         self.flip(2)
@@ -131,7 +144,7 @@ def operator_of(live: LiveCart, error: float) -> Operator:
 
 def operate(live: LiveCart, operator: Operator, until: Callable[[], bool]) -> None:
     """Look, press, look again, until he may stop; ends when the mode does."""
-    for _ in range(3000):
+    for _ in range(700):
         if not live.active or until():
             return
         session = live.session

@@ -10,8 +10,7 @@ from __future__ import annotations
 import io
 import json
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,67 +21,49 @@ from rich.progress import Progress
 
 from hypermask import paths
 from hypermask.bench.table import Table
-from hypermask.errors import DataError
-from hypermask.voice import noise, paper_base, recurrent, reference, synthesis
+from hypermask.bench.voices import PAUSES, Spoken, Voice, paused, voices
+from hypermask.voice import noise, paper_base, recurrent, reference
 from hypermask.voice.align import Track, follow, report
 from hypermask.voice.corpus import timeline
-from hypermask.voice.default_train import UNHEARD
 from hypermask.voice.evaluate import evaluate
 from hypermask.voice.features import HOP, HOP_S, WINDOW, LogMel, framed
 from hypermask.voice.follower import VoiceSettings
 from hypermask.voice.hearing import Ear, PaperEar, RecurrentEar
 from hypermask.voice.lpc import FRAME, RATE_HZ, cepstra
-from hypermask.voice.phones import read_phones
-from hypermask.voice.resample import resample
 from hypermask.voice.shapes import SHAPE_NAMES
 from hypermask.voice.synthesis import Phone
 from hypermask.voice.visemes import VISEME_OF_CLASS
-from hypermask.voice.wav import read_wav
 
 METHODS = ("default", "default, 30 ms", "paper", "MFCC templates", "flapping")
 RATIOS_DB = (None, 20.0, 10.0, 0.0)
 _COLOURS = ("tab:green", "tab:olive", "tab:orange", "tab:blue", "tab:gray")
 _UNHEARD_FIGURES = Path(recurrent.__file__).parent / "data" / "unheard.json"
-_VOICES = {"en": "en-us", "es": "es", "de": "de", "ja": "ja"}
 
 Row = tuple[str | float | int | None, ...]
-
-
-@dataclass(frozen=True)
-class Spoken:
-    """A recording at 16 kHz with its phones."""
-
-    samples: NDArray[np.float64]
-    phones: list[Phone]
-
-
-@dataclass(frozen=True)
-class Voice:
-    """One voice: sentences to score, and others to calibrate with."""
-
-    set_name: str
-    scored: list[Spoken]
-    calibration: list[Spoken]
 
 
 def voice(progress: bool) -> Table:
     """All of it; raises `DataError` BENCH-DATA without recordings."""
     with Progress(console=Console(stderr=True), disable=not progress) as bar:
-        voices, absent = _voices(bar)
-        sets = list(dict.fromkeys(one.set_name for one in voices))
+        found, absent = voices(bar)
+        resting = paused(found)
+        sets = list(dict.fromkeys(one.set_name for one in found))
         rows: list[Row] = []
+        pauses: list[Row] = []
         curves: dict[str, list[float]] = {name: [] for name in METHODS}
         task = bar.add_task("following", total=len(METHODS) * len(RATIOS_DB))
         for method in METHODS:
             for ratio in RATIOS_DB:
-                heard = _followed(voices, method, ratio)
+                heard = _followed(found, method, ratio)
                 if ratio is None:
-                    rows += [_row(name, method, heard[name]) for name in sets]
+                    rows += [_row(name, method, tracks) for name, tracks in heard.items()]
+                    pauses += [_pause_row(method, _followed(resting, method, None)[PAUSES])]
                 every = report([one for tracks in heard.values() for one in tracks])
                 curves[method].append(every["frame_accuracy"])
                 bar.advance(task)
         vowels = [*_vowels(bar), *_unheard()]
     rows.sort(key=lambda row: sets.index(str(row[0])))
+    rows += pauses
     rows += [
         _noise_row(ratio, [curves[m][k] for m in METHODS]) for k, ratio in enumerate(RATIOS_DB)
     ]
@@ -98,95 +79,21 @@ def voice(progress: bool) -> Table:
     )  # fmt: skip
 
 
-# --- who speaks
-
-
-def _voices(bar: Progress) -> tuple[list[Voice], list[str]]:
-    voices, absent = _read(), []
-    makers: list[tuple[str, Callable[[], Iterable[Voice]]]] = [
-        ("espeak-ng", _formants), ("flite", _flite), ("Festival", _festival),
-    ]  # fmt: skip
-    for name, make in bar.track(makers, description="speaking"):
-        try:
-            voices += make()
-        except DataError:
-            absent.append(name)
-    return voices, absent
-
-
-def _read() -> list[Voice]:
-    """The read sentences: each calibrated with the others."""
-    folder = paths.share().parent / "shared" / "data" / "speech"
-    found = [
-        Spoken(resample(*read_wav(wav)), read_phones(wav.with_suffix(".phone.json")))
-        for wav in sorted(folder.glob("*.wav"))
-    ]
-    if not found:
-        raise DataError(
-            "BENCH-DATA",
-            "there are no recordings in ../shared/data/speech",
-            "Put them there, or choose another measurement.",
-        )
-    return [
-        Voice("a person reads", [one], [other for other in found if other is not one])
-        for one in found
-    ]
-
-
-def _formants() -> Iterable[Voice]:
-    espeak = synthesis.espeak()
-
-    def say(lines: Sequence[str], name: str) -> list[Spoken]:
-        said = [espeak.say(line, name) for line in lines]
-        return [Spoken(one.samples.astype(float), one.phones) for one in said]
-
-    for language, base in _VOICES.items():
-        lines = synthesis.sentences(language, "test")
-        for k, variant in enumerate(name for name in UNHEARD if name.startswith("+")):
-            name, scored = base + variant, lines[k::3]
-            taught = say(synthesis.sentences(language, "train")[:6], name)
-            yield Voice(f"espeak-ng, {language}", say(scored, name), taught)
-
-
-def _flite() -> Iterable[Voice]:
-    for name in (name for name in UNHEARD if name in synthesis.FLITE_VOICES):
-        said = [
-            [synthesis.flite(line, name) for line in lines]
-            for lines in (synthesis.sentences("en", "test"), synthesis.sentences("en", "train")[:6])
-        ]
-        yield _joined("flite and Festival", *said)
-
-
-def _festival() -> Iterable[Voice]:
-    for name in (name for name in UNHEARD if name in synthesis.FESTIVAL_VOICES):
-        scored = [*synthesis.sentences("es", "test"), *synthesis.sentences("ja-latin", "test")]
-        taught = synthesis.sentences("es", "train")[:6]
-        said = [synthesis.festival(lines, name) for lines in (scored, taught)]
-        yield _joined("flite and Festival", *said)
-
-
-def _joined(
-    name: str, scored: list[synthesis.Utterance], taught: list[synthesis.Utterance]
-) -> Voice:
-    parts = [[Spoken(u.samples.astype(float), u.phones) for u in said] for said in (scored, taught)]
-    return Voice(name, *parts)
-
-
 # --- who listens
 
 
 def _followed(
-    voices: Sequence[Voice], method: str, snr_db: float | None
+    spoken: Sequence[Voice], method: str, snr_db: float | None
 ) -> dict[str, list[tuple[Track, list[Phone]]]]:
     rng = np.random.default_rng(0)
     settings = VoiceSettings(mode="paper" if method == "paper" else "default")
     heard: dict[str, list[tuple[Track, list[Phone]]]] = {}
-    for one in voices:
+    for one in spoken:
         make = _ear(method, one.calibration)
-        for spoken in one.scored:
-            sound = _noisy(spoken.samples, snr_db, rng)
+        for line in one.scored:
+            sound = _noisy(line.samples, snr_db, rng)
             track, _ = follow(sound, RATE_HZ, settings, ear=make())
-            heard.setdefault(one.set_name, []).append((track, spoken.phones))
+            heard.setdefault(one.set_name, []).append((track, line.phones))
     return heard
 
 
@@ -247,6 +154,13 @@ def _row(name: str, method: str, heard: list[tuple[Track, list[Phone]]]) -> Row:
     )  # fmt: skip
 
 
+def _pause_row(method: str, heard: list[tuple[Track, list[Phone]]]) -> Row:
+    """Only how often the mouth is open where nobody speaks: the sentences are those of above."""
+    scores = report(heard)
+    name = f"{PAUSES}, {scores['pause_s']:.0f} s"
+    return (name, method, None, None, None, None, _percent(scores["false_opening"]), None)
+
+
 def _percent(value: float | None) -> str | None:
     return None if value is None else f"{value:.1%}"
 
@@ -282,7 +196,8 @@ def _unheard() -> list[str]:
         groups = ", ".join(f"{k} {v:.1%}" for k, v in run["groups"].items())
         lines.append(
             f"Trained without {run['speakers']} speakers (seed {run['seed']}) and asked about "
-            f"them: {run['frame_accuracy']:.1%} ({groups}); 10 dB pink noise "
+            f"them: {run['frame_accuracy']:.1%} ({groups}), with all frames to the edges of the "
+            f"nucleus {run['to_the_edges']:.1%}; 10 dB pink noise "
             f"{run['pink_10_db']:.1%}; calibrated {run['calibrated']:.1%}."
         )
     return lines

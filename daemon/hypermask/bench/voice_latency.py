@@ -203,7 +203,7 @@ def hour(
     times, lags, compute = [], [], []
     spent_s, last_s, hops, begin_s = 0.0, 0.0, 0, clock.now()
     while clock.now() < begin_s + seconds:
-        clock.sleep_until(clock.now() + PERIOD_MS * 1e-3 / 4)
+        clock.sleep_until(clock.now() + PERIOD_MS * 1e-3 / 2)
         began_s = time.thread_time()
         heard = worker.step()
         spent_s += time.thread_time() - began_s

@@ -42,6 +42,13 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
             return command(*args, **kwargs)
         except HypermaskError as error:
             raise fail(error, bool(kwargs.get("as_json"))) from None
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] != "hypermask_sim":
+                raise
+            absent = HypermaskError(
+                "SIM-ABSENT", "the simulated cart is not installed", "apt install hypermask-sim"
+            )
+            raise fail(absent, bool(kwargs.get("as_json"))) from None
         except KeyboardInterrupt:
             print("Interrupted.", file=sys.stderr)
             raise typer.Exit(130) from None

@@ -93,7 +93,8 @@ class HeadLog:
 
     def _order(self, index: int, origin_s: float) -> dict[str, Any]:
         order = self.orders[index]
-        end_s = self.orders[index + 1].time_s if index + 1 < len(self.orders) else math.inf
+        last = index + 1 == len(self.orders)
+        end_s = self.path[-1][0] + 1e-9 if last else self.orders[index + 1].time_s
         mine = np.array([p[1:] for p in self.path if order.time_s <= p[0] < end_s])
         wanted = order.planned.at(order.planned.end_s)[0]
         came = end_s >= order.planned.end_s + 0.15 and len(mine) > 0

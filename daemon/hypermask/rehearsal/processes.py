@@ -17,38 +17,39 @@ from typing import Any
 import cv2
 
 from hypermask.errors import HypermaskError
+from hypermask.machine.settings import MachineSettings, TrackingSettings
 from hypermask.rehearsal.cart import SimulatedCart, camera_model
+from hypermask.rehearsal.head import HeadLog
 from hypermask.rehearsal.observer import TrackingObserver
 from hypermask.rehearsal.show_parts import casting_of
 from hypermask.rehearsal.visitors import SHELF, Visitors
-from hypermask.show.engine import ShowEngine
-from hypermask.tracking.motion import MotionFilter
-from hypermask.tracking.tracker import Tracker, TrackerSettings
+from hypermask.services import pantilt, show, tracker, voice
+from hypermask.services.dresser import DresserLoop
+from hypermask.services.loop import Loop
 from hypermask.voice.follower import VoiceSettings
 from hypermask.workers.board import Board
 from hypermask.workers.cast import DOTS
-from hypermask.workers.dresser import Dresser
+from hypermask.workers.health import Health
 from hypermask.workers.realtime import be_realtime, die_with_parent, freeze_garbage
-from hypermask.workers.show import ShowWorker
-from hypermask.workers.tracker import TrackerWorker
-from hypermask.workers.voice import VoiceWorker
 from hypermask_drivers.clock import RealClock
+from hypermask_drivers.device import Device
+from hypermask_sim.devices.pantilt import SimPanTilt
 from hypermask_sim.scenario import Scenario
 from hypermask_sim.world import World
 
-WAIT_S = 0.1
-IDLE_S = 0.002
-ORDERS_EVERY_S = 0.02
 START_TIMEOUT_S = 60.0
 POLL_S = 0.2
-PRIORITIES = {"tracker": 50, "voice": 30, "show": 10}
-DRESSER, DRESSER_NICE = "dresser", 10
+CREW = ("tracker", "voice", "show", "pantilt")
+DRESSER = "dresser"
 """Makes characters during the show: heavy, and in nobody's way."""
 
 
 def crew_of(scenario: Scenario) -> tuple[str, ...]:
-    """The processes beside the stage; test dots need no dresser."""
-    return tuple(PRIORITIES) if scenario.character == DOTS else (*PRIORITIES, DRESSER)
+    """The processes beside the stage; test dots need no dresser, a still head no neck, a screen
+    that is fixed to its projector no tracker."""
+    needed = {"tracker": scenario.mapping != "fixed", "pantilt": scenario.neck}
+    crew = tuple(kind for kind in CREW if needed.get(kind, True))
+    return crew if scenario.character == DOTS else (*crew, DRESSER)
 
 
 @dataclass(frozen=True)
@@ -134,103 +135,154 @@ class Crew:
 
 
 def run_worker(order: Order) -> None:
-    """Entry point of a worker process."""
+    """Entry point of a worker process: the same parts as a service has, on a simulated cart."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     die_with_parent()
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     cv2.setNumThreads(1)
-    clock = RealClock()
-    world = World(order.scenario)
-    cart = SimulatedCart(world, clock)
-    build = {"tracker": _tracker, "voice": _voice, "show": _show, DRESSER: _dresser}[order.kind]
-    prepare, step, result = build(cart, Board.shared(order.board))
+    rig = ScenarioRig(order.scenario, order.board, order.kind)
+    part = _PARTS[order.kind](rig)
     freeze_garbage()
-    granted = _granted(order.kind)
+    worker = getattr(rig.machine.workers, order.kind)
+    granted = be_realtime(worker.priority, worker.affinity, worker.lock_memory, worker.nice)
+    clock = rig.clock
     order.ready.set()
     while order.origin.value != order.origin.value and not order.stop.is_set():
         clock.sleep_until(clock.now() + 0.005)
-    world.origin_s = order.origin.value
-    prepare()
+    rig.world.origin_s = order.origin.value
+    part.loop.begin()
     while not order.stop.is_set():
-        if not step(WAIT_S):
-            clock.sleep_until(clock.now() + IDLE_S)  # an absent device must not eat the CPU
-    told = result() | {"events": cart.journal.events, "granted": granted}
+        part.loop.turn()
+        rig.health.publish()
+    told = part.result() | {"events": rig.cart.journal.events, "granted": granted}
     order.results.put((order.kind, told))
 
 
-Parts = tuple[Callable[[], None], Callable[[float], bool], Callable[[], dict[str, Any]]]
+class ScenarioRig:
+    """A `services.rig.Rig` of a simulated cart."""
+
+    def __init__(self, scenario: Scenario, board: Path, kind: str) -> None:
+        self.clock = RealClock()
+        self.world = World(scenario)
+        self.cart = SimulatedCart(self.world, self.clock)
+        self.machine = MachineSettings(
+            version=1,
+            name=scenario.name,
+            mapping=scenario.mapping,
+            tracking=TrackingSettings(prediction=scenario.tracking.prediction),
+            voice=VoiceSettings(mode=scenario.voice.mode),
+        )
+        self.board, self.report = Board.shared(board), self.cart.journal
+        self.health = Health(board, kind, self.clock)
+        self.mask, self.camera_model = self.world.mask, camera_model(self.world)
+        if scenario.neck and kind != "pantilt":
+            self.world.neck = lambda time_s: head_place(self.board)
+
+    def device(self, kind: str) -> Device | None:
+        device: Device = getattr(self.cart, kind)
+        return device
 
 
-def _tracker(cart: SimulatedCart, board: Board) -> Parts:
-    world, motion = cart.world, MotionFilter()
-    observer = TrackingObserver(world)
-    tracker = Tracker(world.mask.leds, camera_model(world), TrackerSettings(), motion)
-    worker = TrackerWorker(
-        cart.camera, tracker, motion, board, cart.clock, cart.journal, observer=observer
-    )
+def head_place(board: Board) -> tuple[float, float]:
+    """Where another process has the head just now: pan and tilt in radians."""
+    head = board.head.latest()
+    return (0.0, 0.0) if head is None else (float(head["pan_rad"]), float(head["tilt_rad"]))
+
+
+@dataclass(frozen=True)
+class Part:
+    """A worker's loop, and what it has to tell at the end."""
+
+    loop: Loop
+    result: Callable[[], dict[str, Any]] = dict
+
+
+def _tracker(rig: ScenarioRig) -> Part:
+    observer = TrackingObserver(rig.world)
+    loop = tracker.TrackerLoop(rig, rig.cart.camera, observer)
+    worker, arrives_s = loop.worker, rig.cart.scenario.camera.available_ms * 1e-3
 
     def result() -> dict[str, Any]:
         return {
             "tracking": observer.summary(),
             "compute_s": worker.compute_s,
             "latency_s": worker.latency_s,
+            "arrival_s": [latency_s - arrives_s for latency_s in worker.latency_s],
         }
 
-    return _nothing, worker.step, result
+    return Part(loop, result)
 
 
-def _voice(cart: SimulatedCart, board: Board) -> Parts:
-    worker = VoiceWorker(
-        cart.sound,
-        board,
-        cart.clock,
-        cart.journal,
-        VoiceSettings(mode=cart.scenario.voice.mode),
-    )
-    _ = cart.world.voice  # read the recording before the show, not in it
-    return (
-        _nothing,
-        worker.step,
-        lambda: {"history": worker.history, "compute_s": worker.compute_s},
-    )
+def _voice(rig: ScenarioRig) -> Part:
+    _ = rig.world.voice  # read the recording before the show, not in it
+    loop = voice.VoiceLoop(rig, rig.cart.sound, calibrated=False)
+    worker = loop.worker
+    return Part(loop, lambda: {"history": worker.history, "compute_s": worker.compute_s})
 
 
-def _show(cart: SimulatedCart, board: Board) -> Parts:
-    show = casting_of(cart.scenario).show
-    worker: list[ShowWorker] = []
-
-    def prepare() -> None:
-        engine = ShowEngine(show, cart.world.origin_s)
-        worker.append(ShowWorker(cart.keypad, engine, board, cart.clock, cart.journal))
-
-    return prepare, lambda timeout_s: worker[0].step(timeout_s), dict
+def _show(rig: ScenarioRig) -> Part:
+    return Part(show.build(rig, casting_of(rig.cart.scenario).show))
 
 
-def _dresser(cart: SimulatedCart, board: Board) -> Parts:
-    assert board.folder is not None
-    dresser = Dresser(board, board.folder / SHELF, cart.world.mask, cart.clock, cart.journal)
-    dresser.prepare()
-    visitors: list[Visitors] = []
+def _pantilt(rig: ScenarioRig) -> Part:
+    loop = LoggedPanTilt(rig, rig.cart.pantilt)
 
-    def prepare() -> None:
-        visitors.append(Visitors(cart.scenario, dresser.orders, cart.world.origin_s))
+    def result() -> dict[str, Any]:
+        return {
+            "compute_s": loop.worker.compute_s,
+            "head": loop.log.report(rig.world.origin_s),
+        }
 
-    def step(timeout_s: float) -> bool:
-        visitors[0].step(cart.clock.now())
-        if not dresser.step():
-            cart.clock.sleep_until(cart.clock.now() + ORDERS_EVERY_S)
-        return True
-
-    return prepare, step, lambda: {"compute_s": list(dresser.compute_s)}
+    return Part(loop, result)
 
 
-def _granted(kind: str) -> list[str]:
-    """Real time for those who must not be late; the dresser gives way."""
-    if kind in PRIORITIES:
-        return be_realtime(PRIORITIES[kind])
-    return [f"nice {os.nice(DRESSER_NICE)}"]
+def _dresser(rig: ScenarioRig) -> Part:
+    assert rig.board.folder is not None
+    loop = VisitedDresser(rig, rig.board.folder / SHELF)
+    loop.warm_up()
+    return Part(loop, lambda: {"compute_s": list(loop.dresser.compute_s)})
 
 
-def _nothing() -> None:
-    """This worker has nothing to do at the origin."""
+class LoggedPanTilt(pantilt.PanTiltLoop):
+    """One whose head's way is written down."""
+
+    def __init__(self, rig: ScenarioRig, head: SimPanTilt) -> None:
+        super().__init__(rig, head)
+        self._rig, self._head = rig, head
+        self.log = HeadLog()
+
+    def turn(self) -> bool:
+        worked = super().turn()
+        if self.worker.head.is_ready:
+            now_s = self._rig.clock.now()
+            place, limits = self._head.place_at(now_s), self.worker.limits()
+            self.log.take(now_s, self._rig.board.neck.latest(), place, limits)
+        return worked
+
+
+class VisitedDresser(DresserLoop):
+    """A dresser to whom the scenario's visitors come."""
+
+    def __init__(self, rig: ScenarioRig, shelf: Path) -> None:
+        super().__init__(rig, shelf)
+        self._rig = rig
+        self._visitors: Visitors | None = None
+
+    def begin(self) -> None:
+        scenario, origin_s = self._rig.cart.scenario, self._rig.world.origin_s
+        self._visitors = Visitors(scenario, self.dresser.orders, origin_s)
+
+    def turn(self) -> bool:
+        assert self._visitors is not None
+        self._visitors.step(self._rig.clock.now())
+        return super().turn()
+
+
+_PARTS: dict[str, Callable[[ScenarioRig], Part]] = {
+    "tracker": _tracker,
+    "voice": _voice,
+    "show": _show,
+    "pantilt": _pantilt,
+    DRESSER: _dresser,
+}

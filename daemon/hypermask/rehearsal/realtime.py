@@ -76,6 +76,8 @@ class RealTimeStage:
         self.leads_s: list[float] = []
         self.mouth_lags_s: list[float] = []
         self.missed_s: list[float] = []
+        neck = self._cart.scenario.neck
+        self.turns: list[tuple[float, float, float]] | None = [] if neck else None
         self.granted: list[str] = []
         self._read_cost_s = 0.002
         self.pacer = Pacer(1 / self._cart.scenario.projector.rate_hz)
@@ -105,6 +107,7 @@ class RealTimeStage:
             if shown_s is None:
                 continue
             self.flips += 1
+            self._follow_head(shown_s)
             if self.pacer.flipped(flip_s, shown_s):
                 self.missed_s.append(flip_s)
             late_s = shown_s - flip_s
@@ -116,6 +119,21 @@ class RealTimeStage:
                 lockstep.wings.work(clock.now(), spare_s)
             on_flip(shown_s)
             index += 1
+
+    def _follow_head(self, now_s: float) -> None:
+        """Where the head is, by its own worker: for the pictures, which are made afterwards."""
+        if self.turns is None:
+            return
+        head = self._lockstep.board.head.latest()
+        if head is not None and bool(head["ready"]):
+            self.turns.append((now_s, float(head["pan_rad"]), float(head["tilt_rad"])))
+
+    def head_at(self, time_s: float) -> tuple[float, float]:
+        """Pan and tilt at a clock time, for `World.neck`."""
+        if not self.turns:
+            return 0.0, 0.0
+        times, pans, tilts = np.array(self.turns).T
+        return float(np.interp(time_s, times, pans)), float(np.interp(time_s, times, tilts))
 
     def rehearse_costs(self) -> None:
         """Learn what drawing and reading back cost, before the first flip that counts."""
@@ -203,6 +221,8 @@ def play_realtime(scenario: Scenario, out: Path, pictures: bool, quiet: bool) ->
             keep_characters(board, out)
         finally:
             crew.kill()
+    if stage.turns is not None:
+        rehearsal.world.neck = stage.head_at
     taker = rehearsal.pictures(out) if pictures else None
     try:
         with progress_bar(quiet) as progress:
@@ -280,9 +300,14 @@ def _report(
                 "WRK-LOST",
                 f"WRK-LOST: the {kind} process died during the show. Look at its messages.",
             )
-    tracker = {"tracking": None, "compute_s": [], "latency_s": []} | told.get("tracker", {})
+    # Without a tracker nothing was tracked; one that died tells nothing.
+    seen = rehearsal.lockstep.observer.summary() if rehearsal.lockstep.tracker is None else None
+    tracker = {"tracking": seen, "compute_s": [], "latency_s": [], "arrival_s": []} | told.get(
+        "tracker", {}
+    )
     voice = {"history": [], "compute_s": []} | told.get("voice", {})
     dresser = {"compute_s": []} | told.get("dresser", {})
+    head = {"head": None} | told.get("pantilt", {})
     for worker in told.values():
         for event in worker["events"]:
             rehearsal.journal(event.time_s, event.code, event.text)
@@ -292,6 +317,7 @@ def _report(
     missed = rehearsal.lockstep.missed_flips
     report |= {
         "mode": "realtime",
+        "head": head["head"],
         "frames": stage.flips,
         "missed_flips": missed,
         "missed_flips_at_s": [
@@ -306,6 +332,7 @@ def _report(
             "dresser": figures.spread(dresser["compute_s"], 1e3),
         },
         "exposure_to_blackboard_ms": figures.spread(tracker["latency_s"], 1e3),
+        "arrival_to_blackboard_ms": figures.spread(tracker["arrival_s"], 1e3),
         "granted": {kind: worker["granted"] for kind, worker in told.items()}
         | {"stage": stage.granted},
     }

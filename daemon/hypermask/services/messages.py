@@ -15,7 +15,7 @@ LARGEST_BYTES = 256 * 1024
 """An events file this large is put aside as `NAME.jsonl.1`, in the place of the one before."""
 ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6
 _FINE = ("-BACK", "-FOUND", "-PLAYS")
-_NOTICES = ("MASK-", "CUE", "CHAR-JOINS", "SVC-", "NOTE", "MODE-")
+_NOTICES = ("MASK-", "CAL-TAKEN", "CUE", "CHAR-JOINS", "SVC-", "NOTE", "MODE-")
 _LOUD = ("CFG-", "WRK-", "SHOW-FALLBACK")
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hypermask import paths
 from hypermask.calibration import storage
@@ -123,7 +124,10 @@ class Preparing:
             "cast": {name: str(path) for name, path in cast.items()},
         }
         matrix = calibration.projector.matrix @ calibration.projector_from_camera.matrix()
-        arrays = {"projector_from_camera": matrix, "discs": eye_discs(rig.mask, machine.stage)}
+        arrays: dict[str, NDArray[Any]] = {
+            "projector_from_camera": matrix,
+            "discs": eye_discs(rig.mask, machine.stage),
+        }
         for number, (layer, places) in enumerate(zip(layers, face.positions(), strict=True)):
             arrays[f"triangles{number}"] = layer.triangles
             arrays[f"uv{number}"] = layer.uv

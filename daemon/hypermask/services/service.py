@@ -134,9 +134,11 @@ def _set_up(
     health = Health(board.folder, name, RealClock()) if overture is None else overture.health
     health.publish(now=True)
     rig = MachineRig(machine, board, messages, health)
-    module: Any = import_module(f"hypermask.services.{name}")
+    builder: Any = import_module(f"hypermask.services.{name}")
     yield
-    loop: Loop = (yield from module.build(rig, overture)) if name == "stage" else module.build(rig)
+    loop: Loop = (
+        (yield from builder.build(rig, overture)) if name == "stage" else builder.build(rig)
+    )
     worker = getattr(machine.workers, name, machine.workers.dresser)
     granted = be_realtime(worker.priority, worker.affinity, worker.lock_memory, worker.nice)
     health.record["granted"] = ", ".join(granted).encode()[:64]
@@ -146,23 +148,28 @@ def _set_up(
     yield
     gc.enable()
     freeze_garbage()
-    return Service(loop, health, at_once=name == "dresser")
+    return Service(loop, health, worker.watchdog_s, at_once=name == "dresser")
 
 
 class Service:
-    """A worker that is ready to work. at_once: it may be ended in the middle of a turn."""
+    """A worker that is ready to work. patience_s: without work for so long it counts as hung, 0 for
+    never. at_once: it may be ended in the middle of a turn."""
 
-    def __init__(self, loop: Loop, health: Health, at_once: bool = False) -> None:
+    def __init__(
+        self, loop: Loop, health: Health, patience_s: float, at_once: bool = False
+    ) -> None:
         from hypermask.services.board import board_folder, number_of
 
         self._loop, self._health, self.at_once = loop, health, at_once
-        self._number = lambda: number_of(board_folder())
+        self._patience_s = patience_s
+        self._number: Callable[[], int | None] = lambda: number_of(board_folder())
         self._board = self._number()
 
     def serve(self, notifier: Notifier, messages: Messages) -> int:
         """Turn after turn until SIGTERM; returns the exit code. Raises BOARD-NEW."""
         loop, health = self._loop, self._health
         stop = _Stop(self.at_once)
+        notifier.watch(self._patience_s)
         notifier.send("READY=1", f"STATUS={loop.status()}")
         health.say("working")
         health.publish(now=True)

@@ -72,6 +72,11 @@ class StageLoop:
         # Before the calibration is read: what is stored from now on is taken over.
         self._watch = CalibrationWatch(self._take_over, rig.report)
 
+    @property
+    def cast(self) -> tuple[str, ...]:
+        """Who can be drawn by now."""
+        return self._cast.names
+
     def begin(self) -> None:
         """Black at once, whatever else takes its time; after an overture it is light already."""
         if self._overture is None:
@@ -148,6 +153,7 @@ class StageLoop:
         pacer = Pacer(1 / mode.rate_hz) if overture is None else overture.pacer
         self._flipper = Flipper(self.projector, self._worker, clock, pacer, mode.light_delay_s)
         others = [name for name in show.characters if name not in cast.names]
+        self._cast = cast
         self._entrances = Entrances(cast, others, store, mask, rig.report, clock.now())
         self._wings = Wings(cast, rig.board, rig.report)
         self._context = device.context

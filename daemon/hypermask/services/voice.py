@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from hypermask.services.loop import Loop, Quiet
 from hypermask.services.rig import Rig
-from hypermask.voice import speaker
-from hypermask.workers.voice import VoiceWorker
+from hypermask.workers.voice import VoiceWorker, speaker_in_use
 from hypermask_drivers.device import DeviceState
 from hypermask_drivers.sound import SoundIn
 
@@ -13,21 +12,20 @@ WAIT_S = 0.1
 IDLE_S = 0.02
 
 
-def build(rig: Rig) -> Loop:
+def build(rig: Rig, calibrated: bool = True) -> Loop:
+    """calibrated: whether this machine's speaker is known to it."""
     sound = rig.device("sound")
     if sound is None:
         return Quiet("no microphone in this machine")
     assert isinstance(sound, SoundIn)
-    return VoiceLoop(rig, sound)
+    return VoiceLoop(rig, sound, calibrated)
 
 
 class VoiceLoop:
-    def __init__(self, rig: Rig, sound: SoundIn) -> None:
+    def __init__(self, rig: Rig, sound: SoundIn, calibrated: bool) -> None:
         self._rig, self._clock, self._health = rig, rig.clock, rig.health
         self._sound = sound
-        who, warning = speaker.load_current()
-        if warning is not None:
-            rig.report(rig.clock.now(), warning.partition(":")[0], warning)
+        who = speaker_in_use(rig.report, rig.clock.now()) if calibrated else None
         self.worker = VoiceWorker(sound, rig.board, rig.clock, rig.report, rig.machine.voice, who)
         self._tries = 0
 
@@ -54,4 +52,5 @@ class VoiceLoop:
         return "follows the voice" if ready else "waits for the microphone"
 
     def stop(self) -> None:
+        self.worker.close()
         self._sound.close()

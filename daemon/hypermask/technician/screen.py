@@ -65,12 +65,15 @@ class Screen:
         return rows
 
 
-def survey(folder: Path, window_s: float = WINDOW_S) -> Screen:
-    """Look at the show whose blackboard is in `folder`. Raises `HypermaskError` BOARD-*."""
+def survey(folder: Path, window_s: float | None = None) -> Screen:
+    """Look at the show whose blackboard is in `folder`; window_s: between the two looks.
+
+    Raises `HypermaskError` BOARD-*.
+    """
     healths = Healths(folder)
     before = healths.all()
     if before:
-        time.sleep(window_s)
+        time.sleep(WINDOW_S if window_s is None else window_s)
     settings, configuration = _configuration()
     after, now_s = healths.all(), time.monotonic()
     return Screen(
@@ -163,9 +166,12 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def _number(value: float) -> str:
+    """At most five characters."""
     if not math.isfinite(value):
         return "-"
-    return f"{value:.1f}" if abs(value) < 1000 else f"{value:.0f}"
+    if abs(value) < 999.95:
+        return f"{value:.1f}"
+    return f"{value / 1000:.0f}k" if abs(value) < 99500 else ">99k"
 
 
 def _count(value: int) -> str:

@@ -19,6 +19,7 @@ from hypermask.voice.features import (
     Spectrum,
     first_levels,
     framed,
+    warped,
 )
 from hypermask.voice.lpc import RATE_HZ
 from hypermask.voice.noise import ambient, unit
@@ -28,8 +29,12 @@ from hypermask.voice.visemes import CLASS_OF_VOWEL, CLASSES, SILENCE
 from hypermask.voice.vowels import Vowel
 
 FRAMES = 300
-_SAMPLES = (FRAMES - 1) * HOP + WINDOW
+LEAD = 1
+"""Hops by which the answer runs ahead of the sound: so much later the lips are there. What comes
+next can often be heard before, and where it cannot, the network learns to wait."""
 _GROUP = 50
+_CLEAN = 0.4  # of the scenes have no microphone's colour
+_WARPED, _WARP = 0.6, (0.88, 1.14)
 _LED = 0.25  # of a consonant's mouth that its neighbours decide; Cohen and Massaro 1993
 _FIRST_VOWEL = CLASSES.index("aa")
 _FREE = [CLASSES.index(name) for name in ("s", "t", "l", "k", "th")]
@@ -38,7 +43,7 @@ _IMPORTANCE = np.ones(len(CLASSES))
 for _name, _weight in {"silence": 0.7, "lips": 2.5, "teeth": 2.5, "w": 1.7, "sh": 1.5}.items():
     _IMPORTANCE[CLASSES.index(_name)] = _weight
 _SMOOTH = np.array([0.15, 0.7, 0.15])
-_LEARNT_VOWELS = ("ah", "iy", "uw", "eh", "oa", "ei")
+LEARNT_VOWELS = ("ah", "iy", "uw", "eh", "oa")
 
 _Floats = NDArray[np.float64]
 _Singles = NDArray[np.float32]
@@ -104,26 +109,29 @@ def smoothed(targets: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(sum(w * padded[k : k + len(targets)] for k, w in enumerate(_SMOOTH)))
 
 
-def of_vowel(vowel: Vowel, importance: float = 3.0) -> Piece:
+def of_vowel(vowel: Vowel, importance: float = 3.0, others: float = 0.7) -> Piece:
     """A recorded h-V-d word: the nucleus is sure, the edges are only where they are plain.
 
-    importance: of a frame of the five vowels, where one of running speech counts 1.
+    importance: of a frame of the five vowels, where one of running speech counts 1; others: of one
+    of the other vowels. The nucleus counts `LEAD` hops longer, so that its last frame is learnt.
     """
     count = len(vowel.samples) // HOP
     sound = vowel.samples[: count * HOP].astype(np.float32)
     power = 10 * np.log10(np.mean(sound.reshape(count, HOP) ** 2, axis=1) + 1e-10)
     quiet = power < power.max() - 38
-    begin, end = vowel.start // HOP, max(vowel.end // HOP, vowel.start // HOP + 1)
+    begin, end = vowel.start // HOP, max(vowel.end // HOP, vowel.start // HOP + 1) + LEAD
     hard = np.full(count, SILENCE)
     weight = np.where(quiet, 1.0, 0.0)
     weight[begin - 2 : end + 4] = 0.0
     hard[begin:end] = CLASSES.index(CLASS_OF_VOWEL[vowel.vowel])
-    weight[begin:end] = importance if vowel.vowel in _LEARNT_VOWELS else 0.7
+    weight[begin:end] = importance if vowel.vowel in LEARNT_VOWELS else others
     if vowel.vowel == "ei":
         hard[begin + (end - begin) * 6 // 10 : end] = CLASSES.index("ih")
-        weight[begin:end] = 0.5 * importance
+        weight[begin:end] = others
     level = _level(sound[begin * HOP : end * HOP])
-    targets = smoothed(np.eye(len(CLASSES))[hard])
+    sure = np.eye(len(CLASSES))[hard]
+    targets = smoothed(sure)
+    targets[begin:end] = sure[begin:end]
     return Piece(sound, targets.astype(np.float16), weight.astype(np.float16), level)
 
 
@@ -167,67 +175,77 @@ Draw = Callable[[np.random.Generator], list[Piece]]
 
 
 class Mixer:
-    """Makes sequences of 3 s out of pieces; `families` are drawn from with their shares."""
+    """Makes scenes of `frames` hops out of pieces; `families` are drawn from with their shares.
 
-    def __init__(self, families: Sequence[tuple[float, Draw]], babble: Sequence[Piece]) -> None:
+    single: a scene is what one draw gives and no more, and it begins soon.
+    """
+
+    def __init__(
+        self,
+        families: Sequence[tuple[float, Draw]],
+        babble: Sequence[Piece],
+        frames: int = FRAMES,
+        single: bool = False,
+    ) -> None:
         self._draw = [draw for _, draw in families]
         self._shares = np.array([share for share, _ in families])
         self._babble = babble
+        self._frames, self._single = frames, single
         self._spectrum = LogMel()
 
     def sequences(
         self, count: int, rng: np.random.Generator, progress: Callable[[], None] = lambda: None
     ) -> Sequences:
         made = Sequences(
-            np.zeros((count, FRAMES, FEATURES), np.float16),
-            np.zeros((count, FRAMES, len(CLASSES)), np.float16),
-            np.zeros((count, FRAMES), np.float16),
+            np.zeros((count, self._frames, FEATURES), np.float16),
+            np.zeros((count, self._frames, len(CLASSES)), np.float16),
+            np.zeros((count, self._frames), np.float16),
         )
         for at in range(0, count, _GROUP):
             group = range(at, min(at + _GROUP, count))
-            sounds = np.zeros((len(group), _SAMPLES), np.float32)
+            sounds = np.zeros((len(group), (self._frames - 1) * HOP + WINDOW), np.float32)
             for row, k in enumerate(group):
-                sound, made.targets[k], made.weight[k] = self._scene(rng)
-                sounds[row] = sound
+                sounds[row], made.targets[k], made.weight[k] = self._scene(rng, sounds.shape[1])
                 progress()
             made.features[at : at + len(group)] = self._features(sounds, rng)
         return made
 
-    def _scene(self, rng: np.random.Generator) -> tuple[_Floats, _Halves, _Halves]:
-        voice = self._voice(rng)
+    def _scene(self, rng: np.random.Generator, samples: int) -> tuple[_Floats, _Halves, _Halves]:
+        voice = self._word(rng) if self._single else self._voice(rng)
         # Window k is centred 200 samples after its first; hop k's middle lies 80 after its own.
         shift = (WINDOW - HOP) // 2
-        sound = np.concatenate([np.zeros(shift), voice.samples[: _SAMPLES - shift]])
-        sound = stage_noise.microphone(sound, rng)
+        sound = np.concatenate([np.zeros(shift), voice.samples[: samples - shift]])
+        if rng.uniform() >= _CLEAN:
+            sound = stage_noise.microphone(sound, rng)
         sound = sound + self._noise(rng, len(sound))
         sound *= 10 ** (rng.uniform(-42, -12) / 20)
         if rng.uniform() < 0.05:
             sound *= 10 ** (rng.uniform(10, 25) / 20)
-        return np.clip(sound, -1, 1), voice.targets[:FRAMES], voice.weight[:FRAMES]
+        answers = slice(LEAD, LEAD + self._frames)
+        return np.clip(sound, -1, 1), voice.targets[answers], voice.weight[answers]
+
+    def _word(self, rng: np.random.Generator) -> Piece:
+        before = int(rng.integers(0, 12)) if rng.uniform() < 0.5 else 0
+        drawn = self._draw[rng.choice(len(self._draw), p=self._shares / self._shares.sum())](rng)
+        return _joined([silence(before), *map(_levelled, drawn), silence(self._frames + LEAD)])
 
     def _voice(self, rng: np.random.Generator) -> Piece:
-        """Pieces of unit level one after another, with pauses, at least as long as a sequence."""
+        """Pieces of unit level one after another, with pauses, at least as long as a scene."""
         pieces: list[Piece] = []
         frames = 0
         if rng.uniform() < 0.4:
             pieces.append(silence(int(rng.integers(5, 80))))
         draw = self._draw[rng.choice(len(self._draw), p=self._shares / self._shares.sum())]
-        while frames < FRAMES + 4:
+        while frames < self._frames + 4:
             for piece in draw(rng):
-                gain = 10 ** (rng.uniform(-6, 3) / 20) / piece.level
-                pieces.append(
-                    Piece(piece.samples * np.float32(gain), piece.targets, piece.weight, 1.0)
-                )
+                pieces.append(_levelled(piece, 10 ** (rng.uniform(-6, 3) / 20)))
             if rng.uniform() < 0.6:
                 pieces.append(silence(int(rng.integers(5, 100))))
             frames = sum(len(piece.targets) for piece in pieces)
-        start = 0 if rng.uniform() < 0.5 else int(rng.integers(0, max(frames - FRAMES - 3, 1)))
-        return Piece(
-            np.concatenate([piece.samples for piece in pieces])[start * HOP :],
-            np.concatenate([piece.targets for piece in pieces])[start:],
-            np.concatenate([piece.weight for piece in pieces])[start:],
-            1.0,
-        )
+        start = 0
+        if rng.uniform() >= 0.5:
+            start = int(rng.integers(0, max(frames - self._frames - 3, 1)))
+        return _joined(pieces, start)
 
     def _noise(self, rng: np.random.Generator, count: int) -> _Floats:
         kind = rng.uniform()
@@ -255,12 +273,29 @@ class Mixer:
         bands, voicing, pitch = (
             np.stack([getattr(one, name) for one in spectra]) for name in vars(spectra[0])
         )
+        for row in np.flatnonzero(rng.uniform(size=len(sounds)) < _WARPED):
+            bands[row] = warped(bands[row], rng.uniform(*_WARP))
         normaliser = Normaliser(len(sounds))
         normaliser.start(*_before(bands, rng))
-        features = np.empty((len(sounds), FRAMES, FEATURES), np.float16)
-        for k in range(FRAMES):
+        features = np.empty((len(sounds), self._frames, FEATURES), np.float16)
+        for k in range(self._frames):
             features[:, k] = normaliser(Spectrum(bands[:, k], voicing[:, k], pitch[:, k]))[0]
         return features
+
+
+def _levelled(piece: Piece, gain: float = 1.0) -> Piece:
+    sound = piece.samples * np.float32(gain / piece.level)
+    return Piece(sound, piece.targets, piece.weight, 1.0)
+
+
+def _joined(pieces: Sequence[Piece], start: int = 0) -> Piece:
+    """From hop `start` on."""
+    return Piece(
+        np.concatenate([piece.samples for piece in pieces])[start * HOP :],
+        np.concatenate([piece.targets for piece in pieces])[start:],
+        np.concatenate([piece.weight for piece in pieces])[start:],
+        1.0,
+    )
 
 
 def _before(bands_db: _Singles, rng: np.random.Generator) -> tuple[_Singles, _Singles]:

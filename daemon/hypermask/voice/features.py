@@ -18,13 +18,15 @@ WINDOW = 400  # samples, 25 ms
 HOP = 160  # samples, 10 ms
 HOP_S = HOP / RATE_HZ
 BANDS = 32
-FEATURES = BANDS + BANDS // 2 + 3
+FEATURES = BANDS + BANDS // 2 + 4
 
 _FFT = 1024
 _CHUNK = 50
 _LOWEST_HZ, _HIGHEST_HZ = 80.0, 7600.0
 _LOWEST_PITCH_HZ, _HIGHEST_PITCH_HZ = 75.0, 420.0
 _VOICE_BAND_HZ = (80.0, 1800.0)  # outside it are rumble and hiss
+_MIDDLE_PITCH_HZ = 180.0
+_VOICED = 0.3  # of `voicing`: below it a pitch means nothing
 _FAINTEST = 1e-10  # mean square, -100 dB full scale
 
 _FALL_S, _RISE_DB_S = 0.08, 4.0  # of the noise floor
@@ -136,6 +138,7 @@ class Normaliser:
                 np.clip((level[:, None] - voice + 10) / 15, -3, 2),
                 np.clip((_sum_db(floor)[:, None] - voice + 30) / 15, -3, 3),
                 2 * spectrum.voicing[:, None] - 1,
+                _pitch(spectrum)[:, None],
             ],
             axis=1,
             dtype=np.float32,
@@ -153,6 +156,23 @@ class Normaliser:
         voice += np.where(level > voice, up, -_DECAY_DB_S * HOP_S)
         least = np.maximum(_sum_db(floor) + _MARGIN_DB, _LEAST_VOICE_DB)
         np.maximum(voice, least, out=voice)
+
+
+def _pitch(spectrum: Spectrum) -> _Floats:
+    """Octaves from the middle of all voices, 0 without a voice: whose formants these are."""
+    octaves = np.log2(np.maximum(spectrum.pitch_hz, _LOWEST_PITCH_HZ) / _MIDDLE_PITCH_HZ)
+    return np.asarray(octaves * np.clip(2 * (spectrum.voicing - _VOICED), 0, 1), np.float32)
+
+
+def warped(bands_db: NDArray[np.floating], factor: float) -> _Floats:
+    """Spectra (..., 32) with all frequencies `factor` times as high, the pitch as it was: the same
+    voice out of another vocal tract."""
+    centres_mel = np.linspace(_mel(_LOWEST_HZ), _mel(_HIGHEST_HZ), BANDS + 2)[1:-1]
+    wanted = 1127 * np.log1p((np.exp(centres_mel / 1127) - 1) / factor)
+    at = np.clip((wanted - centres_mel[0]) / (centres_mel[1] - centres_mel[0]), 0, BANDS - 1)
+    below = np.minimum(at.astype(int), BANDS - 2)
+    part = (at - below).astype(np.float32)
+    return np.asarray(bands_db[..., below] * (1 - part) + bands_db[..., below + 1] * part)
 
 
 def first_levels(bands_db: _Floats) -> tuple[_Floats, _Floats]:

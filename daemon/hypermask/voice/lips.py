@@ -23,8 +23,8 @@ SHUT: _Floats = np.eye(len(BASIS))[CLOSED]
 
 
 class LipSettings(Settings):
-    attack_s: float = Field(0.010, ge=0, le=0.2)  # time constant of opening
-    release_s: float = Field(0.012, ge=0, le=0.5)  # time constant of closing
+    attack_s: float = Field(0.008, ge=0, le=0.2)  # time constant of opening
+    release_s: float = Field(0.010, ge=0, le=0.5)  # time constant of closing
     opening: float = Field(1.0, ge=0, le=2)  # how far the mouth opens at the usual level
     loudness: LoudnessSettings = LoudnessSettings()
 

@@ -20,7 +20,7 @@ from hypermask.voice.visemes import CLASSES
 
 UNITS = 96
 LOOKAHEADS = 4  # 0, 10, 20, 30 ms
-VERSION = 1
+VERSION = 2
 
 _Floats = NDArray[np.float32]
 

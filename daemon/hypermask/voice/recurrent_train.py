@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ from hypermask.voice.visemes import CLASSES
 _Floats = NDArray[np.float32]
 _CLIP = 1.0  # of the gradient's norm
 _DECAY = 1e-5
+_WARM = 100  # iterations
+_DROPPED = 0.1
 
 
 @dataclass(frozen=True)
@@ -26,8 +28,36 @@ class Sequences:
     weight: NDArray[np.float16]
 
 
-def initial(sequences: Sequences, rng: np.random.Generator) -> dict[str, _Floats]:
-    every = sequences.features[:: max(len(sequences.features) // 200, 1)].astype(np.float32)
+@dataclass(frozen=True)
+class Lesson:
+    """What a batch takes of some sequences: `batch` of them, of each `frames` frames from a random
+    one on; share: of its mean loss in the whole."""
+
+    sequences: Sequences
+    batch: int = 48
+    frames: int = 200
+    share: float = 1.0
+
+    def batches(self, rng: np.random.Generator) -> Iterator[tuple[_Floats, _Floats, _Floats]]:
+        """Features, targets and weight, without end; every sequence once before any twice."""
+        order = np.zeros(0, np.intp)
+        count, length = self.sequences.features.shape[:2]
+        while True:
+            if len(order) < self.batch:
+                order = rng.permutation(count)
+            chosen, order = order[: self.batch], order[self.batch :]
+            begin = int(rng.integers(0, max(length - self.frames, 0) + 1))
+            part = (chosen, slice(begin, begin + self.frames))
+            yield (
+                self.sequences.features[part].astype(np.float32),
+                self.sequences.targets[part].astype(np.float32),
+                self.sequences.weight[part].astype(np.float32),
+            )
+
+
+def initial(features: NDArray[np.floating], rng: np.random.Generator) -> dict[str, _Floats]:
+    """features (n, frames, FEATURES): what the input's mean and scale are taken from."""
+    every = features[:: max(len(features) // 200, 1)].astype(np.float32)
     weights = {}
     for name, shape in recurrent.shapes().items():
         spread = shape[0] ** -0.5 if len(shape) == 2 and "bias" not in name else 0.0
@@ -38,53 +68,70 @@ def initial(sequences: Sequences, rng: np.random.Generator) -> dict[str, _Floats
 
 
 def train(
-    sequences: Sequences,
+    lessons: Sequence[Lesson],
     iterations: int,
     rng: np.random.Generator,
-    batch: int = 48,
-    frames: int = 200,
     rate: float = 3e-3,
     progress: Callable[[float], None] = lambda loss: None,
-    weights: dict[str, _Floats] | None = None,
+    start: Recurrent | None = None,
 ) -> Recurrent:
-    """`progress` gets the loss of each of the `iterations` batches.
+    """Each of the `iterations` takes one batch of every lesson; `progress` gets their loss.
 
-    A batch is `batch` sequences, of each `frames` frames from a random one on.
+    start: a network to go on from.
+    The rate rises over the first `_WARM` iterations and falls along a cosine (Loshchilov and
+    Hutter 2017).
     """
-    weights = initial(sequences, rng) if weights is None else weights
+    if start is None:
+        weights = initial(lessons[0].sequences.features, rng)
+    else:
+        weights = {name: weight.copy() for name, weight in vars(start).items()}
     step = _Adam({k: v for k, v in weights.items() if not k.startswith("input_")})
-    order = np.zeros(0, np.intp)
+    sources = [(lesson.share, lesson.batches(rng)) for lesson in lessons]
     for number in range(iterations):
-        if len(order) < batch:
-            order = rng.permutation(len(sequences.features))
-        chosen, order = order[:batch], order[batch:]
-        begin = int(rng.integers(0, max(sequences.features.shape[1] - frames, 0) + 1))
-        part = (chosen, slice(begin, begin + frames))
-        loss, gradients = loss_and_gradients(
-            weights,
-            sequences.features[part].astype(np.float32),
-            sequences.targets[part].astype(np.float32),
-            sequences.weight[part].astype(np.float32),
-        )
-        warm = min(1.0, (number + 1) / 50)
-        step(gradients, rate * warm * 0.5 * (1 + np.cos(np.pi * number / iterations)) + 1e-6)
-        progress(loss)
+        total: dict[str, _Floats] = {}
+        whole = 0.0
+        for share, batches in sources:
+            batch = next(batches)
+            loss, gradients = loss_and_gradients(weights, *batch, _kept(len(batch[0]), rng))
+            whole += share * loss
+            for name, gradient in gradients.items():
+                part = np.float32(share) * gradient
+                total[name] = total[name] + part if name in total else part
+        warm = min(1.0, (number + 1) / _WARM)
+        step(total, rate * warm * 0.5 * (1 + np.cos(np.pi * number / iterations)) + 1e-6)
+        progress(whole)
     return Recurrent(**weights)
 
 
+def _kept(streams: int, rng: np.random.Generator) -> tuple[_Floats, _Floats]:
+    """Units of each layer that the next one hears, the same ones over a whole sequence (dropout,
+    Srivastava et al. 2014; Zaremba et al. 2014)."""
+    first, second = rng.random((2, streams, UNITS)) >= _DROPPED
+    scale = np.float32(1 / (1 - _DROPPED))
+    return first * scale, second * scale
+
+
 def loss_and_gradients(
-    weights: dict[str, _Floats], features: _Floats, targets: _Floats, weight: _Floats
+    weights: dict[str, _Floats],
+    features: _Floats,
+    targets: _Floats,
+    weight: _Floats,
+    kept: tuple[_Floats, _Floats] | None = None,
 ) -> tuple[float, dict[str, _Floats]]:
-    """Mean cross-entropy over frames and look-aheads, and its derivatives."""
+    """Mean cross-entropy over frames and look-aheads, and its derivatives.
+
+    kept: (streams, UNITS) of either layer, factors of what it gives on.
+    """
     x = np.ascontiguousarray(
         ((features - weights["input_mean"]) / weights["input_scale"]).transpose(1, 0, 2)
     )
     first = _Layer(weights, "first")
     second = _Layer(weights, "second")
-    hidden = second.forward(first.forward(x))
+    between, after = kept if kept is not None else (np.float32(1), np.float32(1))
+    hidden = second.forward(first.forward(x) * between) * after
     loss, gradients, back = _output(weights, hidden, targets, weight)
-    back = second.backward(back, gradients)
-    first.backward(back, gradients)
+    back = second.backward(back * after, gradients)
+    first.backward(back * between, gradients)
     return loss, gradients
 
 

@@ -23,7 +23,7 @@ from hypermask.voice import recurrent
 from hypermask.voice.recurrent import LOOKAHEADS, UNITS, Recurrent
 from hypermask.voice.visemes import CLASSES
 
-VERSION = 1
+VERSION = 2  # of the network that a correction belongs to, too
 CURRENT = "current"
 
 _SHAPE = (UNITS + 1, len(CLASSES))

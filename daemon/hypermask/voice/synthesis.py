@@ -75,6 +75,27 @@ def shuffled_words(lines: list[str], rng: np.random.Generator) -> str:
     return " ".join(chosen)
 
 
+_KANA = {
+    "": "あいうえお", "k": "かきくけこ", "g": "がぎぐげご", "s": "さしすせそ", "z": "ざじずぜぞ",
+    "t": "たちつてと", "d": "だぢづでど", "n": "なにぬねの", "h": "はひふへほ", "b": "ばびぶべぼ",
+    "p": "ぱぴぷぺぽ", "m": "まみむめも", "r": "らりるれろ",
+}  # fmt: skip
+_GLIDES = {"y": {"a": "や", "u": "ゆ", "o": "よ"}, "w": {"a": "わ"}}
+_SYLLABLES = [
+    *((head + "aiueo"[k], kana) for head, row in _KANA.items() for k, kana in enumerate(row)),
+    *((head + vowel, kana) for head, row in _GLIDES.items() for vowel, kana in row.items()),
+]  # fmt: skip
+
+
+def nonsense(rng: np.random.Generator, kana: bool) -> str:
+    """Words of any open syllables, in kana or in Latin letters."""
+    words = [
+        "".join(_SYLLABLES[k][kana] for k in rng.integers(0, len(_SYLLABLES), rng.integers(2, 5)))
+        for _ in range(rng.integers(3, 8))
+    ]
+    return ("、" if kana else ", ").join([words[0], (" ").join(words[1:])])
+
+
 def plain(text: str) -> str:
     """Without accents: some synthesisers know Latin-1 only, or less."""
     return unicodedata.normalize("NFD", text).encode("ascii", "ignore").decode()

@@ -9,7 +9,7 @@ calibration is whole and stored, the last good one stays in use.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
@@ -332,7 +332,7 @@ def calibration_modes(
     report: Report,
     background: Background | None = None,
     positions: Sequence[Position] | None = None,
-) -> Mapping[str, Callable[[], Mode]]:
+) -> dict[str, Callable[[], Mode]]:
     """`calibrate`, the machine's own method, and `calibrate-METHOD` for each that it can do."""
     opens: dict[Method, OpenCourse] = {}
     cart, screen = subject.cart, subject.screen

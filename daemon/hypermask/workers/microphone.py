@@ -24,6 +24,8 @@ LEAST_HZ, MOST_HZ = 4_000, 768_000
 _LOUDEST = 8.0  # times full scale; beyond it a sample is broken
 _BROKEN_S, _BROKEN_SHARE = 0.05, 0.05
 _CLIPPED, _CLIPPED_S, _CLIPPED_SHARE = 0.999, 1.0, 0.02
+_VOICE_DB = -28.0  # of a voice that was not heard yet
+_MUCH_CLIPPED, _MOST_CLIPPED, _FALL_DB_S = 0.15, 0.35, 60.0
 _STILL_S = 2.0
 _STILL = 2e-6  # -114 dB: below the noise of any converter that is connected
 _AHEAD_S, _BEHIND_S = 0.1, 10.0
@@ -64,6 +66,32 @@ class Troubles:
                 self._report(now_s, "SOUND-BACK", text)
 
 
+class Headroom:
+    """Brings sound of which much is clipped down to the voice before it, so that what follows a
+    voice by its loudness has not to find a soft one again when that is over."""
+
+    def __init__(self) -> None:
+        self._voice_db, self._envelope_db, self._gain_db = _VOICE_DB, -100.0, 0.0
+        self._now = 0.0
+
+    def gain(self, sound: _Samples, seconds: float, clipped_now: float, clipped: float) -> float:
+        """For a block; clipped_now, clipped: the parts of it and of the last second that were at
+        the limit."""
+        self._now += (clipped_now - self._now) * min(seconds / 0.03, 1.0)
+        level_db = 10 * math.log10(float(sound @ sound) / len(sound) + 1e-10)
+        fall_db = _FALL_DB_S * seconds
+        self._envelope_db = max(level_db, self._envelope_db - fall_db)
+        if clipped > _MUCH_CLIPPED or self._now > _MOST_CLIPPED:
+            self._gain_db = min(self._voice_db - self._envelope_db, 0.0)
+        else:
+            self._gain_db = min(self._gain_db + fall_db, 0.0)
+            if clipped < _CLIPPED_SHARE:
+                rise_db = (level_db - self._voice_db) * min(seconds / 0.3, 1.0)
+                self._voice_db += max(rise_db, -0.3 * seconds)
+                self._voice_db = max(self._voice_db, _VOICE_DB - 12)
+        return float(10 ** (self._gain_db / 20))
+
+
 class SoundCheck:
     """Blocks in, samples that can be heard out."""
 
@@ -73,6 +101,7 @@ class SoundCheck:
         self._rate_hz = 0.0
         self._broken = self._clipped = self._still_s = 0.0
         self._last = 0.0
+        self._headroom = Headroom()
 
     def device_news(self, time_s: float, code: str, text: str) -> None:
         """The report of who keeps the device open. That it is back is believed when it sounds:
@@ -107,9 +136,10 @@ class SoundCheck:
         if self._is_broken(broken, seconds, now_s):
             self._last = 0.0
             return np.zeros(len(sound))
-        self._look_for_clipping(sound, seconds, now_s)
+        clipped = self._look_for_clipping(sound, seconds, now_s)
         self._look_for_silence(sound, seconds, now_s)
-        return sound
+        gain = self._headroom.gain(sound, seconds, clipped, self._clipped)
+        return sound if gain == 1.0 else gain * sound
 
     def time_of(self, block: SoundBlock, now_s: float) -> float:
         """When its first sample sounded, by the clock where the block's own time is impossible."""
@@ -146,7 +176,8 @@ class SoundCheck:
             self._troubles.right(now_s, "SND-BROKEN")
         return False
 
-    def _look_for_clipping(self, sound: _Samples, seconds: float, now_s: float) -> None:
+    def _look_for_clipping(self, sound: _Samples, seconds: float, now_s: float) -> float:
+        """Part of the block that is clipped."""
         share = float(np.mean(np.abs(sound) >= _CLIPPED)) if np.ptp(sound) > _STILL else 0.0
         self._clipped += (share - self._clipped) * min(seconds / _CLIPPED_S, 1.0)
         if self._clipped > _CLIPPED_SHARE:
@@ -158,6 +189,7 @@ class SoundCheck:
             )
         elif self._clipped < _CLIPPED_SHARE / 20:
             self._troubles.right(now_s, "SND-CLIPS", "")
+        return share
 
     def _look_for_silence(self, sound: _Samples, seconds: float, now_s: float) -> None:
         low, high = min(float(sound.min()), self._last), max(float(sound.max()), self._last)

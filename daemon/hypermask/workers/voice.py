@@ -24,11 +24,15 @@ _SHUT = 0.02
 _SWAP_WITHIN_S = 10.0
 
 
-def speaker_in_use(report: Report, now_s: float = 0.0) -> Speaker | None:
-    """Whose voice the show expects on this machine; a calibration that is damaged is reported."""
+def speaker_in_use(report: Report, now_s: float | None = None) -> Speaker | None:
+    """Whose voice a show on this machine expects, for `VoiceWorker`; a calibration that cannot be
+    used is reported (VOICE-SPEAKER). now_s: CLOCK_MONOTONIC without it.
+
+    Rehearsals take nobody's, so that they stay the same on every machine.
+    """
     speaker, warning = speakers.load_current()
     if warning is not None:
-        report(now_s, "VOICE-SPEAKER", warning)
+        report(time.monotonic() if now_s is None else now_s, "VOICE-SPEAKER", warning)
     return speaker
 
 

@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from hypermask_drivers.camera import Camera, CameraMode, Frame
-from hypermask_drivers.clock import Clock
+from hypermask_drivers.clock import Clock, VirtualClock
 from hypermask_sim.devices.base import SimDevice
 from hypermask_sim.optics import Sensor
 from hypermask_sim.world import World
@@ -39,6 +39,7 @@ class SimCamera(SimDevice, Camera):
         self._offset_s = 0.0  # phase: nominal and shifted
         self._arrival_s = 0.0  # when the next frame can be read, scenario time
         self._shift_s = 0.0  # phase shift still to be made
+        self._ahead: Frame | None = None
 
     @property
     def mode(self) -> CameraMode:
@@ -52,6 +53,7 @@ class SimCamera(SimDevice, Camera):
         self._next_s = self._offset_s + self._sequence * self._period_s
         self._shift_s = 0.0
         self._ready.clear()
+        self._ahead = None
         self._arrival_s = self._arrival(0.0)
 
     def _arrival(self, earliest_s: float) -> float:
@@ -78,6 +80,8 @@ class SimCamera(SimDevice, Camera):
         return self.world.origin_s + (self.now() if self._ready else self._arrival_s)
 
     def read(self, timeout_s: float) -> Frame | None:
+        if timeout_s > 0 and not isinstance(self.clock, VirtualClock):
+            self._expose_ahead()
         return self._wait_for(self._take, self.next_arrival_s, timeout_s)
 
     def _take(self, now_s: float) -> Frame | None:
@@ -85,6 +89,19 @@ class SimCamera(SimDevice, Camera):
         if not self._ready:
             return None
         sequence, middle_s = self._ready.popleft()
+        ahead, self._ahead = self._ahead, None
+        if ahead is not None and ahead.sequence == sequence:
+            return ahead
+        return self._frame(sequence, middle_s)
+
+    def _expose_ahead(self) -> None:
+        """In real time the coming frame is made before it arrives: making it is no work of a real
+        camera's program, and must not count as such."""
+        self._advance(self._check())
+        if not self._ready:
+            self._ahead = self._frame(self._sequence, self._next_s)
+
+    def _frame(self, sequence: int, middle_s: float) -> Frame:
         time_s = middle_s + self.world.origin_s
         spots = self.world.spots(time_s, self._exposure_s)
         flash = self.world.faults.flash(middle_s)
@@ -97,6 +114,7 @@ class SimCamera(SimDevice, Camera):
     def set_exposure(self, exposure_s: float) -> float:
         self._check()
         self._exposure_s = self._allowed(exposure_s)
+        self._ahead = None
         return self._exposure_s
 
     def shift_phase(self, delay_s: float) -> float:

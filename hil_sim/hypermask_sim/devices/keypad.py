@@ -25,19 +25,19 @@ class SimKeypad(SimDevice, Keypad):
         for time_s, key in world.scenario.performer.keys:
             self._add(time_s, key)
 
-    def _add(self, time_s: float, key: str) -> None:
-        for time, pressed in ((time_s, True), (time_s + HELD_S, False)):
+    def _add(self, time_s: float, key: str, held_s: float = HELD_S) -> None:
+        for time, pressed in ((time_s, True), (time_s + held_s, False)):
             heapq.heappush(self._events, (time, self._order, key, pressed))
             self._order += 1
 
-    def press(self, key: str, time_s: float | None = None) -> None:
+    def press(self, key: str, time_s: float | None = None, held_s: float = HELD_S) -> None:
         """Press and release a key at clock time `time_s` (now without it), as a finger would.
 
         Raises `UsageError` KEY-NAME for a key that no keypad has.
         """
         if key not in KEYS:
             raise UsageError("KEY-NAME", f"there is no key '{key}'", f"Keys: {', '.join(KEYS)}.")
-        self._add(self.now() if time_s is None else time_s - self.world.origin_s, key)
+        self._add(self.now() if time_s is None else time_s - self.world.origin_s, key, held_s)
 
     def _opened(self, now_s: float) -> None:
         while self._events and self._events[0][0] < now_s:
