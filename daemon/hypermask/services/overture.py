@@ -195,10 +195,9 @@ def _turn(vector: Array) -> Array:
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     angle = float(np.sqrt(x * x + y * y + z * z))
     if angle < 1e-9:
-        nearly: Array = np.eye(3) + cross
-        return nearly
+        return np.asarray(np.eye(3) + cross)
     first, second = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
-    turned: Array = np.eye(3) + first * cross + second * cross @ cross
+    turned: Array = np.eye(3) + first * cross + second * (cross @ cross)
     return turned
 
 
