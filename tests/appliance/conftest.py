@@ -57,7 +57,9 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     if step is not None:
         item.failed = getattr(item, "failed", False) or report.outcome != "passed"  # type: ignore[attr-defined]
         step.seconds += report.duration
-        if report.outcome == "failed" or (report.outcome == "skipped" and report.when != "teardown"):
+        if report.outcome == "failed" or (
+            report.outcome == "skipped" and report.when != "teardown"
+        ):
             step.outcome = report.outcome
             step.why = str(report.longrepr)[-6000:]
         elif report.when == "call" and step.outcome == "running":

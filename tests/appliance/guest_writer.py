@@ -28,7 +28,7 @@ DISTANCE_M = 1.4
 
 
 def calibration(number: int) -> Outcome:
-    """The virtual cart's own at 1.4 m, so that a show can play with it; its number in the distance."""
+    """The virtual cart's own at 1.4 m, so that a show can play; its number in the distance."""
     table = files.load().machine.optics
     camera, projector = table.camera, table.projector
     scale = projector.focal_px / camera.focal_px

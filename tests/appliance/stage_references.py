@@ -1,30 +1,29 @@
 """What the projector has to show: drawn on the host by the stage's own renderer.
 
-A reference is a picture (height, width, 3) RGB, row 0 at the top, for a pose of the mask, a character
-and a cue of the default show, with the mouth closed and without blinks, gaze and breath.
+A reference is a picture (height, width, 3) RGB, row 0 at the top, for a pose of the mask, a
+character and a cue of the default show, with the mouth closed and without blinks, gaze and breath.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from hypermask import paths
+from hypermask.config import read_toml
 from hypermask.face.life import Life
 from hypermask.geometry import Pose
 from hypermask.machine.files import packaged_path, validated
-from hypermask.config import read_toml
 from hypermask.machine.settings import MachineSettings
 from hypermask.services.rig import mask_folder, nominal_projector
 from hypermask.show.expressions import expressions_of
 from hypermask.show.showfile import load_show
 from hypermask.stage.renderer import StageRenderer
 from hypermask.workers.cast import Cast
-from hypermask import paths
 from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.mask import load_mask
 from hypermask_drivers.projector import ProjectorMode

@@ -39,7 +39,7 @@ def rounds() -> dict[str, int]:
 
 
 def test_power_cuts(disk: Disk, record: Record) -> None:
-    """Power cut at 20 random moments while characters, calibrations and configuration are written"""
+    """Power cut at 20 random moments while characters, calibration, configuration are written"""
     choice = random.Random(SEED)
     show = VirtualShow(disk, WORK, keep_disk=True, arguments=QUICK)
     try:

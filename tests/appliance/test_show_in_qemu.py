@@ -313,9 +313,12 @@ def test_camera_hangs_in_the_kernel(show: VirtualShow, record: Record) -> None:
     show.run("systemctl stop cart-hang")
     show.working("tracker", not_pid=victim.pid)
     show.shows(PLACE, guest_s=120)
-    assert "watchdog" in show.run(
-        "journalctl -b --no-pager -o cat UNIT=hypermask-tracker.service | tail -n 40"
-    ).lower()
+    assert (
+        "watchdog"
+        in show.run(
+            "journalctl -b --no-pager -o cat UNIT=hypermask-tracker.service | tail -n 40"
+        ).lower()
+    )
 
 
 def test_hung_stage(show: VirtualShow, record: Record) -> None:

@@ -142,10 +142,12 @@ class VirtualShow:
             verdict = judge(picture, wanted)
             seen.append(verdict)
             at_its_place = verdict.overlap > 0.9 and verdict.shift_px < 6
-            if at_its_place and self.who(picture, place, cue) == character:
-                if self.mood(picture, place, character) == cue:
-                    return picture, verdict
-            return None
+            right = (
+                at_its_place
+                and self.who(picture, place, cue) == character
+                and self.mood(picture, place, character) == cue
+            )
+            return (picture, verdict) if right else None
 
         try:
             return self.until(there, guest_s, f"{character}, {cue}, at {place}")

@@ -1,8 +1,8 @@
 """Plays what the host puts into /host/leds.grey on vivid's HDMI output, again and again.
 
 What is played there arrives at vivid's HDMI input, the virtual cart's camera. The file holds whole
-frames, 640x480 bytes each, `RATE_HZ` of them a second; the host replaces it by renaming another over
-it. vivid shows a frame until the next is queued, so a late player costs nothing.
+frames, 640x480 bytes each, `RATE_HZ` of them a second; the host replaces it by renaming another
+over it. vivid shows a frame until the next is queued, so a late player costs nothing.
 """
 
 import contextlib

@@ -4,7 +4,6 @@ INA219: SBOS448G section 8.6; words come with their bytes swapped. PCF8574: read
 i2c-stub gives the column lines that were written.
 """
 
-import os
 import time
 from pathlib import Path
 
@@ -29,7 +28,7 @@ def swapped(word: int) -> int:
 
 def main() -> None:
     number = bus()
-    while not os.path.exists(f"/dev/i2c-{number}"):
+    while not Path(f"/dev/i2c-{number}").exists():
         time.sleep(0.2)
     with smbus2.SMBus(number) as wires:
         volts = round(VOLTS / 0.004) << 3 | 2
