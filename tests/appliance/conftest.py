@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "build/appliance-report"
 DEBS = ROOT / "build/deb"
 NEXT_DEBS = ROOT / "build/appliance/next"
-TOOLS = ("qemu-system-x86_64", "mmdebstrap", "mkfs.ext4", "dpkg-deb")
+TOOLS = ("qemu-system-x86_64", "qemu-img", "mmdebstrap", "mkfs.ext4", "dpkg-deb")
 _PART = pytest.StashKey[Part]()
 _STEP = pytest.StashKey[Step]()
 

@@ -56,7 +56,7 @@ class VirtualShow:
         self.line.do(lambda unit, now_s: unit.power_cycle(now_s))
         self.line.plug()
         machine = Machine(disk, work, ROOT, ptu=work / "ptu", kernel_arguments=arguments)
-        self._machine = machine.own_disk(work / "disk.img") if keep_disk else machine
+        self._machine = machine.own_disk(work / "disk.qcow2") if keep_disk else machine
         self.light(CART.frames(PLACE))
         self.silence()
         self.switch_on()
@@ -78,7 +78,7 @@ class VirtualShow:
     def close(self) -> None:
         self.power_cut()
         self.line.close()
-        (self.work / "disk.img").unlink(missing_ok=True)
+        (self.work / "disk.qcow2").unlink(missing_ok=True)
 
     # What it sees and hears
 

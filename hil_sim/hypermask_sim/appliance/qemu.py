@@ -48,8 +48,8 @@ QCODES = {
 @dataclass(frozen=True)
 class Machine:
     """work: folder for sockets, logs and pictures, seen by the guest as /host; source: what it sees
-    as /source; disk: a copy of the image's disk that keeps what is written (made by `own_disk`),
-    else what is written is dropped; ptu: host end of the pan-tilt unit's line; extra: further
+    as /source; disk: one over the image's that keeps what is written (made by `own_disk`),
+    else that is dropped; ptu: host end of the pan-tilt unit's line; extra: further
     arguments of QEMU; kernel_arguments: added to the kernel's line.
 
     instruction_ns: guest time that an instruction takes, a power of two. However busy the host is,
@@ -71,14 +71,18 @@ class Machine:
     def command(self) -> list[str]:
         work = self.work
         width, height = self.screen
-        disk, snapshot = (self.disk, "off") if self.disk else (self.image.disk, "on")
+        disk = (
+            f"file={self.disk},format=qcow2"
+            if self.disk
+            else f"file={self.image.disk},format=raw,snapshot=on"
+        )
         return [
             "qemu-system-x86_64",
             "-machine", "q35", "-accel", "tcg", "-cpu", "Nehalem", *self._pace(),
             "-m", str(self.memory_mb),
             "-kernel", str(self.image.kernel), "-initrd", str(self.image.initrd),
             "-append", " ".join([_KERNEL_LINE, *self.kernel_arguments]),
-            "-drive", f"file={disk},format=raw,if=virtio,snapshot={snapshot}",
+            "-drive", f"{disk},if=virtio",
             "-display", "none", "-vga", "none", "-nic", "none",
             "-device", f"virtio-gpu-pci,id=gpu,xres={width},yres={height}",
             "-device", "i6300esb", "-action", "watchdog=reset",
@@ -108,11 +112,19 @@ class Machine:
         return ["-chardev", f"serial,id=ptu,path={self.ptu}", *_as_arguments("-device", PTU)]
 
     def own_disk(self, disk: Path) -> Machine:
-        """The same machine with a disk that remembers: a fresh copy of the image's."""
-        subprocess.run(
-            ["cp", "--reflink=auto", "--sparse=always", str(self.image.disk), str(disk)],
-            check=True,
-        )
+        """The same machine with a disk that remembers what is written, over the image's.
+
+        Raises `HypermaskError` APL-TOOL.
+        """
+        base = ["-b", str(self.image.disk.resolve()), "-F", "raw"]
+        try:
+            subprocess.run(
+                ["qemu-img", "create", "-q", "-f", "qcow2", *base, str(disk)], check=True
+            )
+        except FileNotFoundError:
+            raise HypermaskError(
+                "APL-TOOL", "there is no qemu-img", "Install qemu-utils."
+            ) from None
         return replace(self, disk=disk)
 
 
