@@ -222,11 +222,12 @@ def _freeze(glances: Any) -> float:
 
 def test_keypad_unplugged(show: VirtualShow, record: Record) -> None:
     """The keypad is pulled and plugged in again"""
+    since = show.mark()
     show.cart.unplug(KEYPAD)
-    record.note(show.told("KEY-LOST"))
+    record.note(show.told("KEY-LOST", since))
     show.shows(PLACE)
     show.cart.plug(KEYPAD)
-    show.told("KEY-BACK")
+    record.note(show.told("KEYPAD-BACK", since))
     show.press("8")
     show.shows(PLACE, cue="surprise")
     show.press("0")
@@ -235,25 +236,28 @@ def test_keypad_unplugged(show: VirtualShow, record: Record) -> None:
 
 def test_pan_tilt_unplugged(show: VirtualShow, record: Record) -> None:
     """The pan-tilt unit is pulled and plugged in again"""
+    since = show.mark()
     show.cart.unplug(PTU)
-    record.note(show.told("PTU-LOST"))
+    record.note(show.told("PTU-LOST", since))
     show.shows(PLACE)
     show.cart.plug(PTU)
-    record.note(show.told("PTU-BACK", guest_s=120))
+    record.note(show.told("PANTILT-BACK", since, guest_s=120))
 
 
 def test_camera_unplugged(show: VirtualShow, record: Record) -> None:
     """The camera is pulled and plugged in again"""
+    since = show.mark()
     show.run(f"v4l2-ctl -d {CAMERA} -c disconnect=1")
-    record.note(show.told("CAM-LOST"))
+    record.note(show.told("CAM-LOST", since))
     show.dark()
     show.shows(PLACE, guest_s=120)
 
 
 def test_display_off_and_on(show: VirtualShow, record: Record) -> None:
     """The display is switched off and on again"""
+    since = show.mark()
     show.run(f"echo off >{STATUS}")
-    record.note(show.told("PRJ-LOST"))
+    record.note(show.told("PRJ-LOST", since))
     show.run(f"echo detect >{STATUS}")
     show.shows(PLACE, guest_s=120)
 
@@ -279,11 +283,12 @@ def test_full_disk(show: VirtualShow, record: Record) -> None:
 
 def test_wrong_configuration(show: VirtualShow, record: Record) -> None:
     """A wrong configuration: the last good one is used, and that is said loudly"""
+    since = show.mark()
     show.run("printf '[camera]\\nwdith = 3\\n' >/etc/hypermask/80-wrong.toml")
     try:
         assert "width" in show.run("hypermask config check 2>&1; test $? = 1", 120)
         show.run("systemctl restart hypermask-tracker hypermask-stage", 300)
-        record.note(show.told("CFG-LASTGOOD"))
+        record.note(show.told("CFG-LASTGOOD", since))
         show.shows(PLACE, guest_s=BOOT_S)
     finally:
         show.run("rm /etc/hypermask/80-wrong.toml")
@@ -292,8 +297,9 @@ def test_wrong_configuration(show: VirtualShow, record: Record) -> None:
 
 def test_camera_delivers_nothing(show: VirtualShow, record: Record) -> None:
     """The camera delivers no more frames: it is started anew"""
+    since = show.mark()
     show.run(f"v4l2-ctl -d {CAMERA} -c percentage_of_dropped_buffers=100")
-    record.note(show.told("CAM-HUNG"))
+    record.note(show.told("CAM-HUNG", since))
     show.dark()
     show.run(f"v4l2-ctl -d {CAMERA} -c percentage_of_dropped_buffers=0")
     show.shows(PLACE, guest_s=120)
@@ -371,10 +377,11 @@ def test_upgrade(show: VirtualShow, record: Record, next_debs: list[Path]) -> No
     assert update_status(show)["playing_release"] == old["playing_release"]
     show.hold(PLACE)
     show.shows(PLACE)
+    since = show.mark()
     show.press("enter")
     show.dark()
     show.until(lambda: not update_status(show)["waits_for_idle"], 300, "the takeover", 3.0)
-    record.note(show.told("UPD-TAKEOVER"))
+    record.note(show.told("UPD-TAKEOVER", since))
     show.all_work()
     if not is_lit(show.picture()).any():  # a blackout may outlive the takeover
         show.press("enter")

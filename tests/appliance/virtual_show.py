@@ -109,12 +109,14 @@ class VirtualShow:
 
     # Waiting, in the guest's time
 
-    def until(self, found: Callable[[], T], guest_s: float, what: str, pause_s: float = 0.3) -> T:
-        """The first true answer of `found`; `NotInTime` when guest time runs out without one."""
+    def until(
+        self, found: Callable[[], T | None], guest_s: float, what: str, pause_s: float = 0.3
+    ) -> T:
+        """The first answer of `found` that is not None or False; `NotInTime` without one."""
         start_s, began = self.watcher.now_s, time.monotonic()
         while True:
             answer = found()
-            if answer:
+            if answer is not None and answer is not False:
                 return answer
             spent_s = self.watcher.now_s - start_s
             if spent_s > guest_s or time.monotonic() - began > guest_s * WALL_FACTOR:
@@ -195,7 +197,7 @@ class VirtualShow:
     def run(self, command: str, guest_s: float = 60, check: bool = True) -> str:
         return self.cart.run(command, timeout_s=guest_s * WALL_FACTOR, check=check)
 
-    def journal(self, lines: int = 200, since_s: float | None = None) -> str:
+    def journal(self, lines: int = 200) -> str:
         return self.run(
             f"journalctl -b --no-pager -o short-monotonic -u 'hypermask*' -n {lines}", check=False
         )
@@ -227,15 +229,23 @@ class VirtualShow:
     def press(self, key: str) -> None:
         self.cart.press(key)
 
-    def told(self, code: str, guest_s: float = 60, since: str = "") -> str:
-        """Wait until the journal has a message with this code; the line."""
+    def mark(self) -> float:
+        """Now, on the clock of the journal."""
+        return float(self.run("cat /proc/uptime").split()[0])
+
+    def told(self, code: str, since: float, guest_s: float = 60) -> str:
+        """Wait until the journal has a message with this code after `since`; the message."""
 
         def found() -> str | None:
             lines = self.run(
-                "journalctl -b --no-pager -o cat -u 'hypermask*' | "
-                f"grep -F {code!r} | tail -n 3; true"
-            ).strip()
-            return lines if lines and lines != since else None
+                "journalctl -b --no-pager -o short-monotonic -u 'hypermask*' -n 2000 | "
+                f"grep -F {code!r} | tail -n 5; true"
+            )
+            for line in lines.splitlines():
+                stamped = re.match(r"\[\s*([\d.]+)\] (.*)", line)
+                if stamped and float(stamped[1]) >= since:
+                    return stamped[2]
+            return None
 
         return self.until(found, guest_s, f"the message {code}", 1.0)
 
