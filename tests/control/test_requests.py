@@ -265,6 +265,13 @@ def test_an_old_scene_is_not_gone_on_with_and_the_head_looks_ahead(rig: Rig) -> 
     again.close()
 
 
+def test_a_new_show_gives_the_head_an_order_that_it_does_not_know(rig: Rig) -> None:
+    """The pan-tilt worker outlives the show's and follows only an order of another number."""
+    again = killed_and_restarted(rig, 60.0)
+    assert int(neck(again)["order"]) == 2
+    again.close()
+
+
 def test_a_machine_without_a_keypad_is_steered_by_requests(tmp_path: Path) -> None:
     from hypermask.show.engine import ShowEngine
     from hypermask.workers.board import Board

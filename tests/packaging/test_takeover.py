@@ -9,6 +9,7 @@ import pytest
 
 from hypermask.blackboard import Record, SharedTopic
 from hypermask.show.scene import SCENE
+from hypermask.stage.marks import OVERLAY, new_overlay
 from hypermask.update import takeover
 from hypermask.update.idle import DARK_S, UNSEEN_S, Idle
 from hypermask.workers.board import TRACK
@@ -68,6 +69,23 @@ def test_a_blackout_that_fades_is_not_dark_yet(idle: Idle) -> None:
     record["previous_brightness"] = 1.0
     record["brightness_fade"] = (1000.0, 8.0)
     assert idle.judge(record, track(1005.0, 1005.0), 1005.0) is None
+
+
+def test_a_fixed_screen_is_never_seen_by_a_camera_and_waits_for_a_blackout(tmp_path: Path) -> None:
+    idle = Idle(tmp_path, 1000.0, tracked=False)
+    for now_s in np.arange(1000.0, 1200.0, 1.0):
+        assert idle.judge(scene(1.0), None, now_s) is None
+    assert idle.judge(scene(0.0), None, 1200.0 + DARK_S) == "blackout"
+
+
+def test_a_calibration_is_not_interrupted(tmp_path: Path) -> None:
+    SharedTopic(tmp_path / "scene", SCENE).publish(scene(0.0))
+    idle = Idle(tmp_path, 1000.0)
+    overlay = SharedTopic(tmp_path / "overlay", OVERLAY)
+    overlay.publish(new_overlay(1100.0, True))
+    assert idle.why(1100.5) is None
+    overlay.publish(new_overlay(1101.0, False))
+    assert idle.why(1101.5) == "blackout"
 
 
 def test_no_show_is_idle(idle: Idle) -> None:

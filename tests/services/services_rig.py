@@ -103,7 +103,12 @@ class Show(Desk):
         return found
 
     def await_said(self, name: str, code: str) -> None:
-        wait_for(lambda: code in self.said(name), LONG_S, f"{code} of {name}")
+        def said() -> bool:
+            if self.processes[name].poll() is not None:
+                raise AssertionError(f"{name} ended: {self.said(name)}")
+            return code in self.said(name)
+
+        wait_for(said, LONG_S, f"{code} of {name}")
 
     def await_more(self, name: str, steps: int = 5) -> None:
         """Until a service did more work than it had done when this was called."""

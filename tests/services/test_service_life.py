@@ -21,6 +21,9 @@ from hypermask.workers.health import Health, Healths
 from hypermask_drivers.clock import RealClock
 
 
+WATCHDOG_S = 0.2
+
+
 class Work:
     """Turns that advance or not, and end the service after `turns`."""
 
@@ -77,13 +80,14 @@ def lines(end: socket.socket) -> list[str]:
 def served(work: Work, tmp_path: Path) -> int:
     board = Board.shared(tmp_path / "RUN" / "board")
     health = Health(board.folder, "tracker", RealClock())
-    return Service(work, health).serve(Notifier(), Messages("tracker"))
+    return Service(work, health, WATCHDOG_S).serve(Notifier(), Messages("tracker"))
 
 
 def test_work_feeds_the_watchdog(heard: socket.socket, tmp_path: Path) -> None:
     assert served(Work(True), tmp_path) == service.STOPPED
     told = lines(heard)
-    assert told[:2] == ["READY=1", "STATUS=at work"] and told[-1] == "STOPPING=1"
+    assert told[:3] == ["WATCHDOG_USEC=200000", "READY=1", "STATUS=at work"]
+    assert told[-1] == "STOPPING=1"
     assert told.count("WATCHDOG=1") >= 3
 
 

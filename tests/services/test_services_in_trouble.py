@@ -208,9 +208,34 @@ def test_a_full_memory_disk_is_said_and_kills_nobody(tmp_path: Path, full_disk: 
         assert "<3>DISK-WRITE: " in desk.said("tracker")
 
 
-def test_the_safe_state_is_dark_and_parked(desk: Show, tmp_path: Path) -> None:
-    heard = Journal(tmp_path / "notify")
-    desk.start("safe", NOTIFY_SOCKET=str(heard.path))
-    heard.until("READY=1")
-    heard.until("STATUS=dark; the head is parked")
-    assert desk.stop("safe") == 0
+def test_the_safe_state_is_dark_and_parked(tmp_path: Path) -> None:
+    with Show(tmp_path / "desk", neck={"silence_s": 0.1, "park_after_s": 0.1}) as desk:
+        heard = Journal(tmp_path / "notify")
+        desk.start("safe", NOTIFY_SOCKET=str(heard.path))
+        heard.until("READY=1")
+        heard.until("STATUS=dark; the head is parked")
+        assert desk.stop("safe") == 0
+
+
+def test_the_safe_state_needs_neither_configuration_nor_blackboard(tmp_path: Path) -> None:
+    """What ended the others may be just that."""
+    with Show(tmp_path / "desk", machine="boat") as desk:
+        heard = Journal(tmp_path / "notify")
+        desk.board.write_text("in the way")
+        desk.start("safe", NOTIFY_SOCKET=str(heard.path), WATCHDOG_USEC="1000000")
+        heard.until("READY=1")
+        heard.until("WATCHDOG=1")
+        assert "<3>CFG-MACHINE" in desk.said("safe")
+        assert desk.stop("safe") == 0
+
+
+def test_a_camera_of_another_size_still_finds_the_mask(tmp_path: Path) -> None:
+    """Its optics were measured at twice the size; an unscaled model would find nothing."""
+    optics = {"camera": {"focal_px": 900.0, "width": 1280, "height": 800}}
+    with Show(tmp_path / "desk", optics=optics) as desk:
+        desk.start("tracker")
+        desk.await_said("tracker", "MASK-FOUND")
+        assert desk.said("tracker").count("CAM-OPTICS") == 1
+        track = desk.records.track.latest()
+        assert track is not None
+        assert track["motion"]["translation"][2] == pytest.approx(1.8, abs=0.15)

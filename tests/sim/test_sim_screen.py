@@ -107,6 +107,25 @@ def test_the_projector_turns_with_the_head() -> None:
     assert np.allclose(rotation, FACING)
 
 
+def around_dots(world: World, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Which pixels lie within 7 mm or so of a dot."""
+    assert world.mounted is not None
+    dots = load_dots(CONFIGS / "characters" / "dots").positions
+    points = np.column_stack([dots, world.mask.height(dots[:, 0], dots[:, 1])])
+    spots = world.projector.lens.image(points @ world.mounted[0].T + world.mounted[1])
+    squares = ((x[..., None] - spots[:, 0]) ** 2 + (y[..., None] - spots[:, 1]) ** 2).min(axis=-1)
+    return np.asarray(squares < 14**2)
+
+
+def strips(texture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """remap of a long row, which must be cut, as it takes no side of 32767 or more."""
+    parts = [
+        cv2.remap(texture, u[:, i : i + 8192], v[:, i : i + 8192], cv2.INTER_LINEAR)
+        for i in range(0, u.shape[1], 8192)
+    ]
+    return np.concatenate(parts, axis=1)[0]
+
+
 def traced(world: World, shift_m: float = 0.0) -> np.ndarray:
     """What a perfect program would show: every pixel's ray traced on to the relief, the dots'
     texture read there, `shift_m` beside where it should be."""
@@ -119,7 +138,8 @@ def traced(world: World, shift_m: float = 0.0) -> np.ndarray:
         (np.arange(width * finer) + 0.5) / finer - 0.5,
         (np.arange(height * finer) + 0.5) / finer - 0.5,
     )
-    rays = world.projector.lens.rays(np.column_stack([x.ravel(), y.ravel()])) @ rotation
+    near = around_dots(world, x, y)  # the rest is dark
+    rays = world.projector.lens.rays(np.column_stack([x[near], y[near]])) @ rotation
     origin = -rotation.T @ translation
     surface = Surface(world.mask)
     distance = (0.01 - origin[2]) / np.where(rays[:, 2] > 0.2, rays[:, 2], np.nan)
@@ -130,8 +150,9 @@ def traced(world: World, shift_m: float = 0.0) -> np.ndarray:
     half_width, half_height = world.mask.half_size_m
     u = (hit[:, 0] - shift_m + half_width) / (2 * half_width) * texture.shape[1] - 0.5
     v = (half_height - hit[:, 1]) / (2 * half_height) * texture.shape[0] - 0.5
-    maps = (np.nan_to_num(a, nan=-10).astype(np.float32).reshape(x.shape) for a in (u, v))
-    fine = cv2.remap(texture, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    maps = (np.nan_to_num(a, nan=-10).astype(np.float32)[None] for a in (u, v))
+    fine = np.zeros((*x.shape, 3), np.uint8)
+    fine[near] = strips(texture, *maps)
     return cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
 
 

@@ -128,6 +128,8 @@ def test_the_picture_is_mirrored_for_the_screen_is_lit_from_behind(stage: Head) 
 
 
 def test_beside_the_screen_it_is_dark_and_so_is_a_blackout(stage: Head) -> None:
+    with stage.projector.context:
+        stage.projector.framebuffer.clear(1.0, 0.0, 0.0, 1.0)  # such as a cross-hair of before
     picture = stage.shown("white")
     assert picture[:5].max() == 0
     assert picture[:, :250].max() == 0

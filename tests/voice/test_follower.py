@@ -106,11 +106,13 @@ def test_after_a_scream_the_usual_voice_soon_opens_the_mouth_again():
 
 
 def test_it_does_not_chatter():
-    """Held vowels in noise: between two frames of 10 ms the opening moves by little."""
+    """Held vowels in noise: between two frames of 10 ms the opening moves by next to nothing."""
     sound = np.concatenate([spoken(vowel, 0.5) for vowel in FORMANTS]) + noise(1.5, -45)
-    steps = np.abs(np.diff(opening(during(follow(sound), 0.1, 1.4))))
+    frames = follow(sound)
+    steps = np.abs(np.diff(opening(during(frames, 0.1, 1.4))))
     assert steps.max() < 0.35  # no lips open or shut in less than 30 ms
-    assert steps.mean() < 0.02
+    for begin in (0.1, 0.6, 1.1):  # where one vowel is cut to the next, a closure may be heard
+        assert np.abs(np.diff(opening(during(frames, begin, begin + 0.35)))).mean() < 0.005
 
 
 @needs_data
@@ -122,13 +124,15 @@ def test_read_sentences_open_on_vowels_and_shut_in_pauses():
     phones = [phone for word in sentence["w"] for phone in word.get("w", [])]
     frames = follow(sound, rate_hz)
 
-    def at(labels: set[str]) -> np.ndarray:
-        spans = [(p["b"], p["b"] + p["d"]) for p in phones if p["t"] in labels]
+    def at(labels: set[str], after: float = 0.0) -> np.ndarray:
+        """Where phones are spoken that last longer than `after`, from so long after their begin."""
+        spans = [(p["b"] + after, p["b"] + p["d"]) for p in phones if p["t"] in labels]
+        spans = [span for span in spans if span[1] > span[0]]
         return np.concatenate([opening(during(frames, *span)) for span in spans])
 
     vowels = at({"AA", "AE", "AO", "AW", "AY", "EH", "EY", "IY", "OW", "UW"})
     assert np.mean(vowels > 0.3) > 0.8
-    assert np.mean(at({"SIL"}) > 0.15) < 0.15
+    assert np.mean(at({"SIL"}, after=0.05) > 0.15) < 0.05  # lips take a moment to close
 
 
 def test_paper_mode_gives_a_mouth_each_32_ms_as_the_network_says():

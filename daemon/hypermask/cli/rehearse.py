@@ -70,8 +70,8 @@ def _print_head(head: dict[str, Any]) -> None:
     gestures = [order["gesture"] for order in orders if order["gesture"] != "look"]
     console.print(
         f"head {len(orders)} orders, {len(gestures)} gestures ({', '.join(gestures) or 'none'}); "
-        f"{_number(head['behind_ms'], 'ms')} behind, {_number(head['behind_deg']['max'], 'deg')} "
-        "at the worst"
+        f"{abs(head['behind_ms']):.0f} ms {'behind' if head['behind_ms'] >= 0 else 'ahead of'} "
+        f"them, {_number(head['behind_deg']['max'], 'deg')} off at the worst"
     )
 
 

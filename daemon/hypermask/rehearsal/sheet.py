@@ -62,9 +62,11 @@ def _figures(report: dict[str, Any]) -> list[KeyFigure]:
 def _of_head(head: dict[str, Any] | None) -> list[KeyFigure]:
     if head is None:
         return []
+    late_ms = head["behind_ms"]
+    side = "behind" if late_ms >= 0 else "ahead of"
     gestures = [order for order in head["orders"] if order["gesture"] != "look"]
     return [
-        KeyFigure("head", _unit(head["behind_ms"], "ms"), "behind its orders"),
+        KeyFigure("head", f"{abs(late_ms):.0f} ms", f"{side} its orders"),
         KeyFigure("head, worst", _unit(head["behind_deg"]["max"], "deg"), "beside its way"),
         KeyFigure("gestures", str(len(gestures)), f"of {len(head['orders'])} orders"),
     ]

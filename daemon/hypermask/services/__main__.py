@@ -23,4 +23,8 @@ def _main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(_main())
+    code = _main()
+    sys.stderr.flush()
+    os._exit(
+        code
+    )  # all is in order; taking the interpreter to pieces may take longer than a second

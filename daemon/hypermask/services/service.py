@@ -28,6 +28,7 @@ STOPPED, FAILED, UNUSABLE = 0, 1, 78
 _NOTIFY_S = 0.5
 _STATUS_S = 1.0
 _BOARD_S = 1.0
+_SAFE_PATIENCE_S = 20.0
 _END_S = 0.9
 """A service that has not ended so long after SIGTERM is ended by the kernel."""
 _STAGE_MODULES = (
@@ -128,6 +129,8 @@ def _set_up(
     from hypermask.workers.realtime import be_realtime, freeze_garbage
     from hypermask_drivers.clock import RealClock
 
+    if name == "safe":
+        return _safe(messages)
     machine = load_machine(messages.tell)
     yield
     board = open_board()
@@ -149,6 +152,28 @@ def _set_up(
     gc.enable()
     freeze_garbage()
     return Service(loop, health, worker.watchdog_s, at_once=name == "dresser")
+
+
+def _safe(messages: Messages) -> Service:
+    """The safe state needs no blackboard, and without a configuration it darkens what it finds."""
+    from hypermask.machine.files import load_machine
+    from hypermask.machine.settings import DeviceTable, MachineSettings
+    from hypermask.services import safe
+    from hypermask.services.rig import MachineRig
+    from hypermask.workers.board import Board
+    from hypermask.workers.health import Health
+    from hypermask_drivers.clock import RealClock
+
+    try:
+        machine = load_machine(messages.tell)
+    except ConfigError as error:
+        messages.tell(error.code, f"{error} Every display that is found is darkened.")
+        machine = MachineSettings(version=1, name="safe", projector=DeviceTable(driver="kms"))
+    health = Health(None, "safe", RealClock())
+    loop = safe.build(MachineRig(machine, Board.local(), messages, health))
+    loop.begin()
+    gc.enable()
+    return Service(loop, health, _SAFE_PATIENCE_S)
 
 
 class Service:
@@ -188,7 +213,7 @@ class Service:
                 if messages.last_fault:
                     health.fault(messages.last_fault)
                 health.publish()
-                if now_s - looked_s >= _BOARD_S:
+                if health.kept and now_s - looked_s >= _BOARD_S:
                     looked_s = now_s
                     self._check_board()
         finally:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hypermask.blackboard import Record, SharedTopic
+from hypermask.blackboard import ReadTopic, Record, SharedTopic
 from hypermask.errors import HypermaskError
 from hypermask.show.scene import SCENE, brightness_at
+from hypermask.stage.marks import OVERLAY, lit
 from hypermask.workers.board import TRACK
 
 UNSEEN_S = 60.0
@@ -18,8 +19,9 @@ SILENT_S = 10.0
 class Idle:
     """Looks at the blackboard of the running show again and again; all times CLOCK_MONOTONIC."""
 
-    def __init__(self, board: Path, now_s: float) -> None:
-        self._board = board
+    def __init__(self, board: Path, now_s: float, tracked: bool = True) -> None:
+        """tracked: False for a screen that is fixed to its projector, which no camera ever sees."""
+        self._board, self._tracked = board, tracked
         self._began_s = now_s
         self._bright_s = now_s
 
@@ -30,6 +32,8 @@ class Idle:
         try:
             scene = SharedTopic(self._board / "scene", SCENE).latest()
             track = SharedTopic(self._board / "track", TRACK).latest()
+            if lit(ReadTopic(self._board / "overlay", OVERLAY).latest(), now_s):
+                return None  # somebody calibrates
         except (HypermaskError, OSError):
             return None  # another version's, or not ours to read: only by command
         return self.judge(scene, track, now_s)
@@ -41,6 +45,8 @@ class Idle:
             self._bright_s = now_s
         elif now_s - self._bright_s >= DARK_S:
             return "blackout"
+        if not self._tracked:
+            return None
         seen_s = self._began_s
         if track is not None:
             seen_s = max(seen_s, float(track["seen_s"]))

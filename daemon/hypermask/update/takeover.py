@@ -38,13 +38,23 @@ def pending() -> bool:
 
 def wait(board: Path) -> str | None:
     """Returns why nobody looks, when nobody does; None when it was done by command meanwhile."""
-    idle = Idle(board, time.monotonic())
+    idle = Idle(board, time.monotonic(), _tracked())
     while pending():
         reason = idle.why(time.monotonic())
         if reason is not None:
             return reason
         time.sleep(EVERY_S)
     return None
+
+
+def _tracked() -> bool:
+    """Whether this machine's mask is seen by a camera."""
+    from hypermask.machine.files import load
+
+    try:
+        return load().machine.mapping != "fixed"
+    except HypermaskError:
+        return True
 
 
 def switch() -> None:

@@ -195,7 +195,7 @@ def _spoken(pieces: Sequence[Piece]) -> Draw:
 
 def _sung(notes: Sequence[tuple[str, tuple[float, float, float]]]) -> Draw:
     def draw(rng: np.random.Generator) -> list[Piece]:
-        vowel, measured = notes[rng.integers(len(notes))]
+        vowel, measured = notes[int(rng.integers(len(notes)))]
         return [silence(int(rng.integers(3, 30))), sung(rng, measured, vowel)]
 
     return draw

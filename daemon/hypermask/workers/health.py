@@ -63,6 +63,11 @@ class Health:
         self.record["pid"], self.record["started_s"] = os.getpid(), clock.now()
         self.record["state"] = b"starting"
 
+    @property
+    def kept(self) -> bool:
+        """Whether the record is on a blackboard."""
+        return self._topic is not None
+
     def worked(
         self,
         latency_s: float | None = None,

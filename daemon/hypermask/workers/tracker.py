@@ -39,7 +39,7 @@ class TrackerWorker:
         observer: Observer | None = None,
     ) -> None:
         self.camera = Kept(camera, "camera", clock, report)
-        self._tracker, self._motion, self._points = tracker, motion, PointKalman()
+        self.tracker, self._motion, self._points = tracker, motion, PointKalman()
         self._board, self._clock, self._report = board, clock, report
         self._aligner = aligner or PhaseAligner()
         self._charge_s = charge_s
@@ -69,7 +69,7 @@ class TrackerWorker:
         if frame is None:
             return False
         began = time.perf_counter()
-        result = self._tracker.process(frame.image, frame.time_s, frame.sequence)
+        result = self.tracker.process(frame.image, frame.time_s, frame.sequence)
         self.compute_s.append(time.perf_counter() - began)
         self._publish(frame, result)
         self.latency_s.append(self._clock.now() - frame.time_s)
