@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hypermask_drivers.errors import HypermaskError
 from hypermask_sim.appliance.qemu import Monitor
 
 TIMER_HZ = 3579545
@@ -87,9 +88,14 @@ class Watcher:
             self._thread.join()
 
     def _run(self) -> None:
-        with contextlib.suppress(Exception):  # the machine was switched off
+        with contextlib.suppress(OSError, HypermaskError):  # the machine was switched off
             while not self._stop.is_set():
-                self.look()
+                try:
+                    self.look()
+                except HypermaskError as error:
+                    if error.code == "APL-GONE":
+                        raise
+                    self._now_s = self.clock.now()  # there is no picture at this moment
                 time.sleep(self.pause_s)
 
     def look(self) -> NDArray[np.uint8]:
