@@ -176,7 +176,7 @@ def likeness(shown: Image, wanted: Image) -> float:
     """Correlation of the pixels, slightly blurred, where the reference is lit."""
     due = is_lit(wanted)
     a, b = (
-        cv2.GaussianBlur(picture, (0, 0), 2.0)[due].astype(float).ravel()
+        cv2.GaussianBlur(picture, (0, 0), 1.0)[due].astype(float).ravel()
         for picture in (shown, wanted)
     )
     a, b = a - a.mean(), b - b.mean()

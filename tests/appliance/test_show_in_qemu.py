@@ -102,7 +102,11 @@ def test_cold_boot(theatre: Theatre, record: Record) -> None:
     record.note(f"overlap {verdict.overlap:.3f}, {verdict.shift_px:.1f} px off")
     record.picture(picture, "the first face")
     record.picture(CART.reference(PLACE, "mean"), "where it must be")
-    seen = [glance.lit for glance in show.watcher.glances if glance.width > 640]
+    seen = [
+        glance.lit
+        for glance in show.watcher.glances
+        if glance.height == CART.machine.optics.projector.height
+    ]
     first = next(index for index, lit in enumerate(seen) if lit > 0.01)
     assert max(seen[:first], default=0.0) == 0, "something was on the screen before the face"
     assert show.run("ls /sys/class/net").split() == ["lo"]

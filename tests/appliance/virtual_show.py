@@ -55,7 +55,15 @@ class VirtualShow:
         self.line = PtuLine(PtuUnit(PtuData()), RealClock(), work / "ptu")
         self.line.do(lambda unit, now_s: unit.power_cycle(now_s))
         self.line.plug()
-        machine = Machine(disk, work, ROOT, ptu=work / "ptu", kernel_arguments=arguments)
+        optics = CART.machine.optics.projector
+        machine = Machine(
+            disk,
+            work,
+            ROOT,
+            screen=(optics.width, optics.height),
+            ptu=work / "ptu",
+            kernel_arguments=arguments,
+        )
         self._machine = machine.own_disk(work / "disk.qcow2") if keep_disk else machine
         self.light(CART.frames(PLACE))
         self.silence()
@@ -143,7 +151,7 @@ class VirtualShow:
             picture = self.picture()
             verdict = judge(picture, wanted)
             seen.append(verdict)
-            at_its_place = verdict.overlap > 0.9 and verdict.shift_px < 6
+            at_its_place = verdict.overlap > 0.9 and verdict.shift_px < 3
             right = (
                 at_its_place
                 and self.who(picture, place, cue) == character

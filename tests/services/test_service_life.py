@@ -20,7 +20,6 @@ from hypermask.workers.board import Board
 from hypermask.workers.health import Health, Healths
 from hypermask_drivers.clock import RealClock
 
-
 WATCHDOG_S = 0.2
 
 

@@ -19,6 +19,7 @@ from hypermask.blackboard import Record
 from hypermask.geometry import FACING, Pose
 from hypermask.rehearsal.desk import Desk, wait_for
 from hypermask.services import prepared
+from hypermask.services.warm import go_first
 from hypermask.show.engine import ShowEngine
 from hypermask.show.showfile import load_show
 from hypermask.tracking.motion import MotionFilter
@@ -33,6 +34,7 @@ _LONG_S = 60.0
 
 def start(progress: bool) -> Table:
     """Both in turn, so that whatever else the machine does touches both."""
+    go_first()  # whoever plays tracker and show must not be late, or the mask counts as unseen
     least_s, prepared_s, first_s = [], [], []
     with tempfile.TemporaryDirectory(prefix="hypermask-") as folder:
         desk = Desk(Path(folder), {"projector": {"driver": "offscreen"}})
@@ -56,7 +58,8 @@ def start(progress: bool) -> Table:
         rows,
         (
             f"{ROUNDS} rounds of both in turn; mask seen and show playing, projector off screen, "
-            "software GL. The ratio is the figure: seconds depend on the machine and its load.",
+            "software GL; both with real-time priority where it is granted. The ratio is the "
+            "figure: seconds depend on the machine and its load.",
             "The very first start has nothing prepared: it compiles shaders and makes costumes.",
             "Target: ratio <= 2.5.",
         ),
@@ -93,7 +96,8 @@ class _Others:
 
 def _least() -> float:
     began_s = time.monotonic()
-    subprocess.run([sys.executable, "-c", LEAST], check=True)
+    # With the same right to the processor as the stage takes itself: the work is compared.
+    subprocess.run([sys.executable, "-c", LEAST], check=True, preexec_fn=go_first)
     return time.monotonic() - began_s
 
 

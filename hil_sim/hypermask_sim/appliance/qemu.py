@@ -61,8 +61,8 @@ class Machine:
     work: Path
     source: Path
     memory_mb: int = 2048
-    instruction_ns: int | None = 4
-    screen: tuple[int, int] = (1280, 720)
+    instruction_ns: int | None = 2
+    screen: tuple[int, int] = (1280, 800)
     disk: Path | None = None
     ptu: Path | None = None
     extra: Sequence[str] = ()

@@ -49,13 +49,13 @@ class GuestClock:
 @dataclass(frozen=True)
 class Glance:
     """One look at the screen: guest time before and after it, a number of the picture's bytes, the
-    share of its pixels that are lit, and its width (640 is QEMU's own, before there is a mode)."""
+    share of its pixels that are lit, and its height (480 is QEMU's own, before there is a mode)."""
 
     before_s: float
     after_s: float
     picture: str
     lit: float
-    width: int
+    height: int
 
 
 @dataclass
@@ -104,7 +104,7 @@ class Watcher:
         self._now_s = self.clock.now()
         lit = float((picture.max(axis=2) >= DARK).mean())
         number = hashlib.blake2b(picture.tobytes(), digest_size=8).hexdigest()
-        self.glances.append(Glance(before_s, self._now_s, number, lit, picture.shape[1]))
+        self.glances.append(Glance(before_s, self._now_s, number, lit, picture.shape[0]))
         return picture
 
     def between(self, start_s: float, end_s: float) -> list[Glance]:
