@@ -11,7 +11,7 @@ SCENARIO := configs/scenarios/$(if $(filter-out cart,$(MACHINE)),$(MACHINE),demo
 # Small linear algebra gets slower with BLAS threads.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help setup models demo test appliance-test deb lint format bench clean
+.PHONY: help setup models demo test appliance appliance-test deb lint format bench clean
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -41,8 +41,22 @@ demo: $(READY) $(MODELS) ## play a whole simulated show into build/demo: video, 
 test: $(READY) $(MODELS) ## run the tests (under 10 minutes on 2 cores)
 	$(BIN)/pytest -n $(shell nproc) --dist loadfile
 
-appliance-test: $(READY) ## boot a Debian in QEMU and try the camera's and the projector's driver in it (as root)
-	$(BIN)/pytest -m appliance tests/appliance
+appliance: $(READY) deb ## build the virtual cart's disk with the packages in it (as root)
+	mkdir -p build/appliance/next
+	[ build/appliance/next/.of -nt build/deb/build.log ] || { \
+	  cp -r build/deb build/appliance/now; DEB_SUFFIX=+next bash .ci/deb; \
+	  rm -rf build/appliance/next; mv build/deb build/appliance/next; \
+	  mv build/appliance/now build/deb; touch build/appliance/next/.of; }
+	$(BIN)/python -m hypermask_sim.appliance.image build/appliance build/deb/*.deb
+
+# Two machines side by side, one for each of two processors.
+appliance-test: appliance ## boot a Debian in QEMU and try the whole show in it from outside (as root)
+	rm -rf build/appliance-report
+	$(BIN)/pytest -m appliance tests/appliance/test_power_cuts_in_qemu.py \
+	  tests/appliance/test_video_in_qemu.py --junitxml build/appliance-report/second.xml & \
+	$(BIN)/pytest -m appliance tests/appliance/test_show_in_qemu.py \
+	  --junitxml build/appliance-report/show.xml; first=$$?; wait $$!; second=$$?; \
+	echo "Look at build/appliance-report/index.html"; exit $$((first | second))
 
 deb: $(MODELS) ## build the Debian packages into build/deb
 	bash .ci/deb

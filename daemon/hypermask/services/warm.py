@@ -7,8 +7,6 @@ import ctypes
 import os
 import threading
 
-_PLATFORM_SURFACELESS = 0x31DD
-
 
 def go_first() -> None:
     """The mask is dark until the stage is there: it loads before all that is not real-time too."""
@@ -24,14 +22,8 @@ def warm_up_graphics() -> threading.Thread:
 
 
 def _load() -> None:
-    with contextlib.suppress(OSError, AttributeError):
-        egl = ctypes.CDLL("libEGL.so.1")
-        egl.eglGetProcAddress.restype = ctypes.c_void_p
-        address = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
-        if not address:
-            return
-        kind = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p, ctypes.c_void_p)
-        display = kind(address)(_PLATFORM_SURFACELESS, None, None)
-        if display:
-            egl.eglInitialize.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
-            egl.eglInitialize(display, None, None)
+    """The libraries alone: Mesa with its compiler. A display must not be opened here: Mesa may take
+    the card itself for it, whose first opener is its master, and the projector's driver is not."""
+    for name in ("libEGL.so.1", "libEGL_mesa.so.0", "libgbm.so.1"):
+        with contextlib.suppress(OSError):
+            ctypes.CDLL(name)

@@ -328,10 +328,10 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
 
     def _positions(self) -> tuple[int, ...]:
         numbers = [answer.number for answer in self._tell("pp", "tp")]
-        if any(number is None for number in numbers):
+        if None in numbers or len(numbers) != len(self._axes):
             self._drain(_QUIET_S)
             numbers = [answer.number for answer in self._tell("pp", "tp")]
-        if any(number is None for number in numbers):
+        if None in numbers or len(numbers) != len(self._axes):
             self._lose("GARBLED", f"the {self.noun} answers nonsense", "Check cable and baud rate.")
         return tuple(int(number or 0) for number in numbers)
 

@@ -225,7 +225,7 @@ class AlsaSoundIn(SoundIn):
     def _reading(self) -> tuple[int, float]:
         """Frames that wait in the card's buffer (or minus an errno), and when they were counted."""
         assert self._pcm is not None
-        available = int(self._pcm.avail())  # asks the card, which stamps its answer
+        available = library.waiting(self._pcm, self._alsa)  # the card stamps its answer
         now_s = self._clock.now()
         if available <= 0:
             return available, now_s
@@ -317,7 +317,7 @@ class AlsaSoundIn(SoundIn):
                 self._pcm.polldescriptors_revents([*fired])  # plugins clear their timers by it
             except self._alsa.ALSAAudioError:
                 return
-        if int(self._pcm.avail()) in range(self._period):
+        if library.waiting(self._pcm, self._alsa) in range(self._period):
             # Woken for less than a period: it is not worth spinning for the rest.
             self._clock.sleep_until(self._clock.now() + min(seconds, 0.0005))
 

@@ -17,8 +17,8 @@ class Pcm(Protocol):
 
     def info(self) -> dict[str, Any]: ...
     def read(self) -> tuple[int, bytes]: ...
-    def avail(self) -> int: ...
     def htimestamp(self) -> tuple[int, int, int]: ...
+    def state(self) -> int: ...
     def polldescriptors(self) -> list[tuple[int, int]]: ...
     def close(self) -> None: ...
 
@@ -34,7 +34,7 @@ def load() -> Any:
             f"sound cards cannot be used: {error}",
             "Install Debian's python3-alsaaudio, or pyalsaaudio with libasound2-dev by pip.",
         ) from None
-    if not hasattr(module.PCM, "avail"):
+    if not hasattr(module.PCM, "htimestamp"):
         raise DeviceError(
             "SND-MODULE",
             "the installed pyalsaaudio is older than 0.10",
@@ -42,6 +42,25 @@ def load() -> Any:
         )
     _hush()
     return module
+
+
+def waiting(pcm: Pcm, module: Any) -> int:
+    """Frames that can be read, or minus an errno: EPIPE after an overrun.
+
+    Version 0.10, Debian 13's, does not ask the card for it; there it is what the card said last.
+    """
+    asked = getattr(pcm, "avail", None)
+    if asked is not None:
+        return int(asked())
+    state = pcm.state()
+    if state == module.PCM_STATE_XRUN:
+        return -errno.EPIPE
+    if state == module.PCM_STATE_DISCONNECTED:
+        return -errno.ENODEV
+    try:
+        return int(pcm.htimestamp()[2])
+    except module.ALSAAudioError as error:
+        return -(number_of(error) or errno.EIO)
 
 
 def number_of(error: Exception) -> int:

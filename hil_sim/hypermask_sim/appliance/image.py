@@ -1,8 +1,9 @@
-"""Builds the disk: a Debian 13 root file system with what the drivers need, once for each recipe.
+"""Builds the disk: a Debian 13 with the .deb inside and the virtual cart's devices around it.
 
-Run as root: ``python -m hypermask_sim.appliance.image build/appliance``. Needs the Debian packages
-mmdebstrap and e2fsprogs; takes some minutes. The kernel and its initial RAM disk lie beside the
-disk, so no boot loader is needed.
+Run as root: ``python -m hypermask_sim.appliance.image build/appliance dist/*.deb``. Needs the
+Debian packages mmdebstrap and e2fsprogs. The base system takes minutes and is kept by its recipe;
+only the last step, the .deb into a copy of it, is made again for another .deb. Kernel and initial
+RAM disk lie beside the disk, so no boot loader is needed.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -21,37 +23,27 @@ from hypermask_sim.appliance import guest
 
 SUITE = "trixie"
 DISK_SIZE = "4G"
-PACKAGES = (
-    # the system
-    "linux-image-amd64", "init", "systemd", "udev", "kmod", "dbus", "procps", "iproute2",
-    # what the drivers stand on
-    "python3", "python3-numpy", "python3-opencv", "python3-moderngl", "python3-pydantic",
-    "libegl1", "libgles2", "libgbm1", "libdrm2", "libgl1-mesa-dri",
-    # to look from outside at what the drivers do
-    "v4l-utils",
+SYSTEM = (
+    "linux-image-amd64", "initramfs-tools", "zstd", "init", "systemd", "systemd-sysv", "udev",
+    "kmod", "dbus", "apt", "login", "procps", "psmisc", "iproute2", "kbd",
 )  # fmt: skip
+"""What boots, with a login, as an appliance has it."""
+DRIVERS = (
+    "python3", "python3-numpy", "python3-opencv", "python3-moderngl", "python3-pydantic",
+    "python3-typer", "python3-rich", "python3-pil", "python3-serial", "python3-smbus2",
+    "python3-hid", "python3-usb", "python3-alsaaudio",
+    "libegl1", "libgles2", "libgbm1", "libdrm2", "libgl1-mesa-dri",
+)  # fmt: skip
+"""What the program stands on; the .deb's own dependencies come on top."""
+LOOKING = ("v4l-utils", "alsa-utils", "i2c-tools")
+"""To play the devices and to look from outside at what the drivers do."""
+PACKAGES = (*SYSTEM, *DRIVERS, *LOOKING)
+FURNITURE = Path(__file__).with_name("furniture")
+"""What is put over the base system, by its path in the guest."""
+MACHINE = 'machine = "qemu"\n'
 
-_UNIT = """\
-[Unit]
-Description=Commands from the host
-DefaultDependencies=no
-After=systemd-udevd.service local-fs.target
-Wants=systemd-udev-trigger.service
-
-[Service]
-ExecStart=/usr/bin/python3 -u /usr/local/lib/hypermask-agent.py
-Restart=always
-RestartSec=1
-
-[Install]
-WantedBy=multi-user.target
-"""
-
-_FSTAB = """\
-/dev/vda / ext4 rw,errors=remount-ro 0 1
-host /host 9p trans=virtio,version=9p2000.L,msize=262144,nofail 0 0
-source /source 9p trans=virtio,version=9p2000.L,msize=262144,ro,nofail 0 0
-"""
+_MODULES = ("virtio_pci", "virtio_blk", "ext4")
+_UNKEPT = ("doc", "man", "locale", "info")
 
 
 @dataclass(frozen=True)
@@ -68,59 +60,134 @@ class Image:
 
 
 def recipe(packages: Sequence[str] = PACKAGES) -> str:
-    """A name for what goes into the disk; another recipe needs another disk."""
-    parts = [SUITE, DISK_SIZE, _UNIT, _FSTAB, Path(guest.__file__).read_text("utf-8"), *packages]
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+    """A name for what the base system is made of; another recipe needs another one."""
+    parts = [SUITE, *_MODULES, *_UNKEPT, *sorted(packages)]
+    return _digest(part.encode() for part in parts)
 
 
-def build(folder: Path, packages: Sequence[str] = PACKAGES) -> Image:
-    """The disk of this recipe in `folder`; built only when it is not there yet.
+def build(folder: Path, debs: Sequence[Path] = ()) -> Image:
+    """The disk with `debs` installed; what is there already is not built again.
 
     Raises `HypermaskError` APL-ROOT, APL-TOOL or APL-BUILD.
     """
-    image, mark = Image.in_folder(folder), folder / "recipe"
-    if mark.exists() and mark.read_text("utf-8") == recipe(packages) and image.disk.exists():
+    packages = tuple(dict.fromkeys([*PACKAGES, *needed_by(debs)]))
+    image, mark = Image.in_folder(folder), folder / "disk.recipe"
+    contents = [path.read_bytes() for path in [*debs, *_furniture(), Path(guest.__file__)]]
+    wanted = _digest([recipe(packages).encode(), DISK_SIZE.encode(), *contents])
+    if _reads(mark, wanted) and image.disk.exists():
         return image
     _check_tools()
-    folder.mkdir(parents=True, exist_ok=True)
     mark.unlink(missing_ok=True)
+    base = _base(folder, packages)
     root = folder / "root"
     shutil.rmtree(root, ignore_errors=True)
-    _run(
-        "mmdebstrap", "--variant=minbase", f"--include={','.join(packages)}",
-        "--dpkgopt=path-exclude=/usr/share/doc/*", "--dpkgopt=path-exclude=/usr/share/man/*",
-        "--dpkgopt=path-exclude=/usr/share/locale/*", '--aptopt=Apt::Install-Recommends "false"',
-        SUITE, str(root),
-    )  # fmt: skip
+    _run("cp", "-a", "--reflink=auto", str(base), str(root))
+    _install(root, debs)
     _furnish(root)
     for name, target in (("vmlinuz", image.kernel), ("initrd.img", image.initrd)):
-        shutil.copyfile(
-            (root / name).resolve() if (root / name).exists() else _boot(root, name), target
-        )
+        shutil.copyfile(_boot(root, name), target)
     image.disk.unlink(missing_ok=True)
     _run("mkfs.ext4", "-q", "-L", "hypermask", "-d", str(root), str(image.disk), DISK_SIZE)
     shutil.rmtree(root)
-    mark.write_text(recipe(packages), "utf-8")
+    mark.write_text(wanted, "utf-8")
     return image
 
 
+def needed_by(debs: Sequence[Path]) -> list[str]:
+    """The packages that `debs` depend on and do not bring themselves; first of alternatives."""
+    fields = [_field(deb, "Depends") for deb in debs]
+    own = {_field(deb, "Package") for deb in debs}
+    found = [
+        re.split(r"[ (|:]", part.strip(), maxsplit=1)[0]
+        for depends in fields
+        for part in depends.split(",")
+        if part.strip()
+    ]
+    return [name for name in found if name not in own]
+
+
+def _field(deb: Path, name: str) -> str:
+    done = subprocess.run(["dpkg-deb", "-f", str(deb), name], capture_output=True, text=True)
+    if done.returncode:
+        raise HypermaskError("APL-BUILD", f"{deb} is no .deb", "Build it (make deb).")
+    return done.stdout.strip()
+
+
+def _base(folder: Path, packages: Sequence[str]) -> Path:
+    """The root file system without our .deb: made once for each recipe."""
+    base, mark = folder / "base", folder / "base.recipe"
+    if _reads(mark, recipe(packages)) and base.is_dir():
+        return base
+    folder.mkdir(parents=True, exist_ok=True)
+    mark.unlink(missing_ok=True)
+    shutil.rmtree(base, ignore_errors=True)
+    # An initial RAM disk with nothing but this machine's disk starts in half the time.
+    modules = "\\n".join(_MODULES)
+    settings = "$1/etc/initramfs-tools"
+    _run(
+        "mmdebstrap", "--variant=minbase", f"--include={','.join(packages)}",
+        *(f"--dpkgopt=path-exclude=/usr/share/{name}/*" for name in _UNKEPT),
+        '--aptopt=Apt::Install-Recommends "false"', "--dpkgopt=force-unsafe-io",
+        f"--extract-hook=mkdir -p {settings}/conf.d",
+        f"--extract-hook=echo MODULES=list >{settings}/conf.d/cart",
+        f"--extract-hook=printf '{modules}\\n' >{settings}/modules",
+        SUITE, str(base),
+    )  # fmt: skip
+    mark.write_text(recipe(packages), "utf-8")
+    return base
+
+
+def _install(root: Path, debs: Sequence[Path]) -> None:
+    if not debs:
+        return
+    shelf = root / "var/cache/cart"
+    shelf.mkdir()
+    for deb in debs:
+        shutil.copy(deb, shelf)
+    names = [f"/var/cache/cart/{deb.name}" for deb in debs]
+    _run("chroot", str(root), "env", "DEBIAN_FRONTEND=noninteractive", "dpkg", "-i", *names)
+    shutil.rmtree(shelf)
+
+
 def _boot(root: Path, name: str) -> Path:
-    """The newest kernel file; the links in / are absolute in some versions."""
+    """The newest kernel file."""
     return sorted((root / "boot").glob(f"{name}-*"))[-1]
 
 
 def _furnish(root: Path) -> None:
-    agent = root / "usr/local/lib/hypermask-agent.py"
-    agent.write_text(Path(guest.__file__).read_text("utf-8"), "utf-8")
-    unit = root / "etc/systemd/system/hypermask-agent.service"
-    unit.write_text(_UNIT, "utf-8")
+    shutil.copytree(FURNITURE, root, dirs_exist_ok=True)
+    shutil.copy(guest.__file__, root / "usr/local/lib/cart/agent.py")
     wants = root / "etc/systemd/system/multi-user.target.wants"
     wants.mkdir(parents=True, exist_ok=True)
-    (wants / unit.name).symlink_to(f"/etc/systemd/system/{unit.name}")
-    (root / "etc/fstab").write_text(_FSTAB, "utf-8")
+    for unit in sorted(FURNITURE.glob("etc/systemd/system/cart-*.service")):
+        link = wants / unit.name
+        link.unlink(missing_ok=True)
+        link.symlink_to(f"/etc/systemd/system/{unit.name}")
+    machine = root / "etc/hypermask/machine.toml"
+    machine.parent.mkdir(exist_ok=True)
+    machine.write_text(MACHINE, "utf-8")
     (root / "etc/hostname").write_text("cart\n", "utf-8")
+    # Not a first boot: that one presets all units and rebuilds caches, once in an appliance's life.
+    (root / "etc/machine-id").write_text(f"{_digest([b'cart']) * 2}\n", "utf-8")
+    for folder in ("etc", "var"):
+        (root / folder / ".updated").touch()
     for folder in ("host", "source"):
         (root / folder).mkdir(exist_ok=True)
+
+
+def _furniture() -> list[Path]:
+    return sorted(path for path in FURNITURE.rglob("*") if path.is_file())
+
+
+def _digest(parts: object) -> str:
+    digest = hashlib.sha256()
+    for part in parts:  # type: ignore[attr-defined]
+        digest.update(len(part).to_bytes(8, "big") + part)
+    return digest.hexdigest()[:16]
+
+
+def _reads(mark: Path, wanted: str) -> bool:
+    return mark.exists() and mark.read_text("utf-8") == wanted
 
 
 def _check_tools() -> None:
@@ -151,7 +218,9 @@ def _run(*command: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Build the disk of the virtual cart.")
     parser.add_argument("folder", type=Path)
-    print(build(parser.parse_args().folder).disk)
+    parser.add_argument("debs", type=Path, nargs="*", help="what is installed on it")
+    arguments = parser.parse_args()
+    print(build(arguments.folder, arguments.debs).disk)
 
 
 if __name__ == "__main__":

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shutil
 import socket
 import subprocess
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -27,46 +28,109 @@ from hypermask_drivers.errors import HypermaskError
 from hypermask_sim.appliance.guest import PORT_NAME
 from hypermask_sim.appliance.image import Image
 
-_KERNEL_LINE = "root=/dev/vda rw console=ttyS0 quiet systemd.show_status=false"
+_KERNEL_LINE = (
+    "root=/dev/vda rw console=ttyS0 quiet loglevel=3 systemd.show_status=false"
+    " vt.global_cursor_default=0"
+)
+_SOCKETS = ("agent.sock", "qmp.sock", "watch.sock")
+_USB = "usb"
+KEYPAD = {"driver": "usb-kbd", "id": "keypad", "bus": f"{_USB}.0"}
+PTU = {"driver": "usb-serial", "id": "ptu", "chardev": "ptu", "bus": f"{_USB}.0"}
+"""USB devices that can be pulled and plugged in again."""
+QCODES = {
+    **{str(digit): f"kp_{digit}" for digit in range(10)},
+    "dot": "kp_decimal", "enter": "kp_enter", "plus": "kp_add", "minus": "kp_subtract",
+    "star": "kp_multiply", "slash": "kp_divide", "numlock": "num_lock", "backspace": "backspace",
+}  # fmt: skip
+"""QEMU's names of the keypad's keys."""
 
 
 @dataclass(frozen=True)
 class Machine:
     """work: folder for sockets, logs and pictures, seen by the guest as /host; source: what it sees
-    as /source; extra: further arguments of QEMU; kernel_arguments: added to the kernel's line."""
+    as /source; disk: one over the image's that keeps what is written (made by `own_disk`),
+    else that is dropped; ptu: host end of the pan-tilt unit's line; extra: further
+    arguments of QEMU; kernel_arguments: added to the kernel's line.
+
+    instruction_ns: guest time that an instruction takes, a power of two. However busy the host is,
+    the guest has a processor of that speed by its own clock, so no time limit in it depends on the
+    host. None: the guest's clock is the host's.
+    """
 
     image: Image
     work: Path
     source: Path
-    memory_mb: int = 1024
+    memory_mb: int = 2048
+    instruction_ns: int | None = 2
     screen: tuple[int, int] = (1280, 800)
-    keep_disk: bool = False
+    disk: Path | None = None
+    ptu: Path | None = None
     extra: Sequence[str] = ()
     kernel_arguments: Sequence[str] = field(default_factory=tuple)
 
     def command(self) -> list[str]:
         work = self.work
         width, height = self.screen
-        snapshot = "off" if self.keep_disk else "on"
+        disk = (
+            f"file={self.disk},format=qcow2"
+            if self.disk
+            else f"file={self.image.disk},format=raw,snapshot=on"
+        )
         return [
-            "nice", "-n", "15", "qemu-system-x86_64",
-            "-machine", "q35", "-accel", "tcg", "-cpu", "Nehalem",
-            "-smp", "1", "-m", str(self.memory_mb),
+            "qemu-system-x86_64",
+            "-machine", "q35", "-accel", "tcg", "-cpu", "Nehalem", *self._pace(),
+            "-m", str(self.memory_mb),
             "-kernel", str(self.image.kernel), "-initrd", str(self.image.initrd),
             "-append", " ".join([_KERNEL_LINE, *self.kernel_arguments]),
-            "-drive", f"file={self.image.disk},format=raw,if=virtio,snapshot={snapshot}",
+            "-drive", f"{disk},if=virtio",
             "-display", "none", "-vga", "none", "-nic", "none",
             "-device", f"virtio-gpu-pci,id=gpu,xres={width},yres={height}",
+            "-device", "i6300esb", "-action", "watchdog=reset",
+            "-device", f"qemu-xhci,id={_USB}",
+            *_as_arguments("-device", KEYPAD),
+            *self._ptu(),
             "-serial", f"file:{work / 'console.log'}",
             "-chardev", f"socket,id=agent,path={work / 'agent.sock'},server=on,wait=off",
             "-device", "virtio-rng-pci", "-device", "virtio-serial-pci",
             "-device", f"virtserialport,chardev=agent,name={PORT_NAME}",
             "-qmp", f"unix:{work / 'qmp.sock'},server=on,wait=off",
+            "-qmp", f"unix:{work / 'watch.sock'},server=on,wait=off",
             "-virtfs", f"local,path={work},mount_tag=host,security_model=none,id=host",
             "-virtfs", f"local,path={self.source},mount_tag=source,security_model=none,"
             "readonly=on,id=source",
             *self.extra,
         ]  # fmt: skip
+
+    def _pace(self) -> list[str]:
+        if self.instruction_ns is None:
+            return ["-smp", str(os.cpu_count() or 1)]
+        return ["-icount", f"shift={self.instruction_ns.bit_length() - 1},align=off,sleep=on"]
+
+    def _ptu(self) -> list[str]:
+        if self.ptu is None:
+            return []
+        return ["-chardev", f"serial,id=ptu,path={self.ptu}", *_as_arguments("-device", PTU)]
+
+    def own_disk(self, disk: Path) -> Machine:
+        """The same machine with a disk that remembers what is written, over the image's.
+
+        Raises `HypermaskError` APL-TOOL.
+        """
+        base = ["-b", str(self.image.disk.resolve()), "-F", "raw"]
+        try:
+            subprocess.run(
+                ["qemu-img", "create", "-q", "-f", "qcow2", *base, str(disk)], check=True
+            )
+        except FileNotFoundError:
+            raise HypermaskError(
+                "APL-TOOL", "there is no qemu-img", "Install qemu-utils."
+            ) from None
+        return replace(self, disk=disk)
+
+
+def _as_arguments(option: str, device: dict[str, str]) -> list[str]:
+    rest = (f"{key}={value}" for key, value in device.items() if key != "driver")
+    return [option, ",".join([device["driver"], *rest])]
 
 
 class VirtualCart:
@@ -80,20 +144,19 @@ class VirtualCart:
             )
         self.machine = machine
         machine.work.mkdir(parents=True, exist_ok=True)
-        for name in ("agent.sock", "qmp.sock"):
+        for name in _SOCKETS:
             (machine.work / name).unlink(missing_ok=True)
+        self._request = 0
         self._log = (machine.work / "qemu.log").open("wb")
         self._process = subprocess.Popen(
             machine.command(), stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log
         )
         try:
             self._agent = self._lines("agent.sock")
-            self._qmp = self._lines("qmp.sock")
-            self._greet()
+            self._monitor = Monitor(self._lines("qmp.sock"))
         except BaseException:
             self.power_cut()
             raise
-        self._request = 0
 
     def _lines(self, name: str) -> _Lines:
         deadline = time.monotonic() + 20
@@ -109,34 +172,42 @@ class VirtualCart:
                 )
             time.sleep(0.05)
 
-    def _greet(self) -> None:
-        self._qmp.receive(20)
-        self.monitor("qmp_capabilities")
-
     # From outside
 
     def monitor(self, command: str, **arguments: Any) -> Any:
         """A command of QEMU's monitor protocol. Raises `HypermaskError` APL-MONITOR."""
-        self._qmp.send({"execute": command, "arguments": arguments})
-        while True:
-            answer = self._qmp.receive(30)
-            if "return" in answer:
-                return answer["return"]
-            if "error" in answer:
-                raise HypermaskError(
-                    "APL-MONITOR", f"{command}: {answer['error']['desc']}", "Check the command."
-                )
+        return self._monitor.run(command, **arguments)
+
+    def wait_event(self, name: str, timeout_s: float) -> dict[str, Any]:
+        """The next event of that name, or one that was seen already. Raises `TimeoutError`."""
+        return self._monitor.wait_event(name, timeout_s)
+
+    def forget_events(self) -> None:
+        self._monitor.forget_events()
+
+    def second_monitor(self) -> Monitor:
+        """Another connection, for another thread."""
+        return Monitor(self._lines("watch.sock"))
 
     def screenshot(self, name: str = "screen") -> NDArray[np.uint8]:
         """What the display shows: (height, width, 3) RGB, row 0 at the top; kept as a PNG."""
-        path = self.machine.work / f"{name}.ppm"
-        self.monitor("screendump", filename=str(path))
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if picture is None:
-            raise HypermaskError("APL-SCREEN", "the display has no picture", "Is there a mode?")
-        cv2.imwrite(str(path.with_suffix(".png")), picture)
-        path.unlink()
-        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+        picture = self._monitor.screenshot(self.machine.work / f"{name}.ppm")
+        cv2.imwrite(str(self.machine.work / f"{name}.png"), picture[..., ::-1])
+        return picture
+
+    def press(self, key: str, hold_s: float = 0.2) -> None:
+        """A key of the USB keypad goes down and up again, by its name in `QCODES`."""
+        for down in (True, False):
+            pressed = {"down": down, "key": {"type": "qcode", "data": QCODES[key]}}
+            self.monitor("input-send-event", events=[{"type": "key", "data": pressed}])
+            time.sleep(hold_s if down else 0.05)
+
+    def unplug(self, device: dict[str, str]) -> None:
+        self.monitor("device_del", id=device["id"])
+        self.wait_event("DEVICE_DELETED", 30)
+
+    def plug(self, device: dict[str, str]) -> None:
+        self.monitor("device_add", **device)
 
     def power_cut(self) -> None:
         """As if the plug was pulled. May be called again."""
@@ -189,6 +260,54 @@ class VirtualCart:
         trace: TracebackType | None,
     ) -> None:
         self.power_cut()
+
+
+class Monitor:
+    """A connection to QEMU's monitor. Commands raise `HypermaskError` APL-MONITOR."""
+
+    def __init__(self, lines: _Lines) -> None:
+        self._lines = lines
+        self._events: list[dict[str, Any]] = []
+        lines.receive(20)
+        self.run("qmp_capabilities")
+
+    def run(self, command: str, **arguments: Any) -> Any:
+        self._lines.send({"execute": command, "arguments": arguments})
+        while True:
+            answer = self._lines.receive(60)
+            if "return" in answer:
+                return answer["return"]
+            if "error" in answer:
+                raise HypermaskError(
+                    "APL-MONITOR", f"{command}: {answer['error']['desc']}", "Check the command."
+                )
+            self._events.append(answer)
+
+    def human(self, line: str) -> str:
+        """What the monitor for humans answers."""
+        return str(self.run("human-monitor-command", **{"command-line": line}))
+
+    def wait_event(self, name: str, timeout_s: float) -> dict[str, Any]:
+        """The next event of that name, or one that was seen already. Raises `TimeoutError`."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            for event in self._events:
+                if event.get("event") == name:
+                    self._events.remove(event)
+                    return event
+            self._events.append(self._lines.receive(deadline - time.monotonic()))
+
+    def forget_events(self) -> None:
+        self._events.clear()
+
+    def screenshot(self, path: Path) -> NDArray[np.uint8]:
+        """(height, width, 3) RGB, row 0 at the top. Raises `HypermaskError` APL-SCREEN."""
+        self.run("screendump", filename=str(path))
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        path.unlink(missing_ok=True)
+        if picture is None:
+            raise HypermaskError("APL-SCREEN", "the display has no picture", "Is there a mode?")
+        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 class _Lines:

@@ -85,6 +85,7 @@ class EmulatedAlsa:
 
     PCM_CAPTURE, PCM_NONBLOCK = 1, 1
     PCM_TSTAMP_ENABLE, PCM_TSTAMP_TYPE_MONOTONIC = 1, 1
+    PCM_STATE_RUNNING, PCM_STATE_XRUN, PCM_STATE_DISCONNECTED = 3, 4, 8
     PCM_FORMAT_S16_LE, PCM_FORMAT_S32_LE, PCM_FORMAT_S24_3LE = "S16_LE", "S32_LE", "S24_3LE"
     PCM_FORMAT_S24_LE, PCM_FORMAT_FLOAT_LE = "S24_LE", "FLOAT_LE"
     ALSAAudioError: ClassVar[type[Exception]] = AlsaError
@@ -145,16 +146,24 @@ class EmulatedPcm:
         self._closed = True
 
     def avail(self) -> int:
+        """Since version 0.11; Debian 13 has 0.10."""
+        return self._waiting()
+
+    def _waiting(self) -> int:
         if self._gone():
             return -errno.ENODEV
         waiting, _ = self._counted()
         return -errno.EPIPE if self._overran else waiting
 
+    def state(self) -> int:
+        states = {-errno.ENODEV: "DISCONNECTED", -errno.EPIPE: "XRUN"}
+        return int(getattr(EmulatedAlsa, f"PCM_STATE_{states.get(self._waiting(), 'RUNNING')}"))
+
     def htimestamp(self) -> tuple[int, int, int]:
         if self._gone():
             raise _fail(errno.ENODEV, self._device)
         if not self._card.stamps:
-            return 0, 0, self.avail()
+            return 0, 0, self._waiting()
         waiting, time_s = self._counted()
         late_s = self._card.jitter_s * self._card.random.random()
         stamp_s = min(time_s + late_s, self._card.clock.now())

@@ -1,0 +1,107 @@
+"""Every test of the appliance is a step of its trial's report, build/appliance-report."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hypermask_sim.appliance.image import Image, build
+from hypermask_sim.appliance.report import Part, Step
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "build/appliance-report"
+DEBS = ROOT / "build/deb"
+NEXT_DEBS = ROOT / "build/appliance/next"
+TOOLS = ("qemu-system-x86_64", "qemu-img", "mmdebstrap", "mkfs.ext4", "dpkg-deb")
+_PART = pytest.StashKey[Part]()
+_STEP = pytest.StashKey[Step]()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    why = ""
+    if os.geteuid() != 0:
+        why = "building the disk needs root"
+    elif missing := [tool for tool in TOOLS if shutil.which(tool) is None]:
+        why = f"needs {', '.join(missing)}"
+    for item in items:
+        if why and item.get_closest_marker("appliance"):
+            item.add_marker(pytest.mark.skip(reason=why))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    if item.get_closest_marker("appliance") is None:
+        return (yield)
+    config = item.config
+    if _PART not in config.stash:
+        name = os.environ.get("HYPERMASK_TRIAL_PART") or Path(item.path).stem
+        config.stash[_PART] = Part(FOLDER, name)
+    doc = (getattr(item, "obj", None) and item.obj.__doc__) or ""
+    title = doc.strip().splitlines()[0] if doc else item.name.removeprefix("test_")
+    item.stash[_STEP] = config.stash[_PART].begin(item.name, title.replace("_", " "))
+    result = yield
+    config.stash[_PART].write()
+    return result
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    report = yield
+    step = item.stash.get(_STEP, None)
+    if step is not None:
+        item.failed = getattr(item, "failed", False) or report.outcome != "passed"  # type: ignore[attr-defined]
+        step.seconds += report.duration
+        if report.outcome == "failed" or (
+            report.outcome == "skipped" and report.when != "teardown"
+        ):
+            step.outcome = report.outcome
+            step.why = str(report.longrepr)[-6000:]
+        elif report.when == "call" and step.outcome == "running":
+            step.outcome = "passed"
+    return report
+
+
+class Record:
+    """What a test adds to its step of the report."""
+
+    def __init__(self, part: Part, step: Step) -> None:
+        self._part, self._step = part, step
+
+    def picture(self, picture: NDArray[np.uint8], caption: str) -> None:
+        self._part.picture(self._step, picture, caption)
+
+    def note(self, text: str) -> None:
+        self._step.notes.append(text)
+
+    def log(self, text: str) -> None:
+        self._step.log += text
+
+
+@pytest.fixture
+def record(request: pytest.FixtureRequest) -> Record:
+    return Record(request.config.stash[_PART], request.node.stash[_STEP])
+
+
+@pytest.fixture(scope="session")
+def disk() -> Image:
+    """The appliance's disk: a Debian with the packages of `make deb` in it, built where it is not
+    there (`make appliance`)."""
+    debs = sorted(DEBS.glob("*.deb"))
+    if not debs:
+        pytest.fail("there are no packages in build/deb: run make deb")
+    return build(ROOT / "build/appliance", debs)
+
+
+@pytest.fixture(scope="session")
+def next_debs() -> list[Path]:
+    """The same packages with a higher version."""
+    debs = sorted(NEXT_DEBS.glob("*.deb"))
+    if not debs:
+        pytest.fail("there is no next version in build/appliance/next: run make appliance")
+    return debs
