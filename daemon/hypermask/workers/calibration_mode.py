@@ -12,24 +12,20 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
 
 import numpy as np
 
-from hypermask.blackboard import Record
 from hypermask.calibration import storage
 from hypermask.calibration.fixed import Fixed
-from hypermask.calibration.nudging import Nudging
-from hypermask.calibration.outcome import Cart, Method, Outcome
+from hypermask.calibration.outcome import Cart, Method
 from hypermask.calibration.positions import Position
-from hypermask.calibration.session import Phase, Session, View
-from hypermask.calibration.still import Sighting
+from hypermask.calibration.session import Phase
 from hypermask.errors import DataError, HypermaskError, UsageError
-from hypermask.geometry import Array, Pose
 from hypermask.mask import Mask
 from hypermask.stage.marks import new_overlay
 from hypermask.workers.background import Background, OneThread
 from hypermask.workers.board import Board
+from hypermask.workers.calibration_courses import ClickCourse, Course, NudgeCourse, Table
 from hypermask.workers.modes import Mode
 from hypermask.workers.retry import Report
 
@@ -37,118 +33,6 @@ NAME = "calibrate"
 ANEW = "slash"
 BEAT_S = 0.2
 LONGEST = 160
-
-Table = dict[str, Any]
-
-
-class Course(Protocol):
-    """One of the ways to calibrate."""
-
-    @property
-    def method(self) -> Method: ...
-    @property
-    def phase(self) -> Phase: ...
-    @property
-    def outcome(self) -> Outcome | None: ...
-    def key(self, key: str, time_s: float) -> None: ...
-    def view(self) -> View: ...
-    def look(self, track: Record | None, now_s: float) -> None: ...
-    def marks(self) -> Array: ...
-    def snapshot(self) -> Table: ...
-
-
-class ClickCourse:
-    """The cart's session, on what the tracker puts on the board."""
-
-    def __init__(
-        self,
-        cart: Cart,
-        method: Method,
-        snapshot: Table | None = None,
-        positions: Sequence[Position] | None = None,
-    ) -> None:
-        """positions: instead of the best ones, which take a second to find."""
-        self.method = method
-        self.session = (
-            Session(cart, method, positions) if snapshot is None else Session.resume(cart, snapshot)
-        )
-        self._taken_s = -np.inf
-
-    @property
-    def phase(self) -> Phase:
-        return self.session.phase
-
-    @property
-    def outcome(self) -> Outcome | None:
-        return self.session.outcome
-
-    def key(self, key: str, time_s: float) -> None:
-        self.session.key(key, time_s)
-
-    def view(self) -> View:
-        return self.session.view()
-
-    def look(self, track: Record | None, now_s: float) -> None:
-        """Every frame of the tracker's once, and the passing of time."""
-        if track is None or float(track["time_s"]) <= self._taken_s:
-            self.session.sighting(None, now_s)
-            return
-        self._taken_s = float(track["time_s"])
-        self.session.sighting(sighting_of(track), now_s)
-
-    def marks(self) -> Array:
-        return np.zeros((0, 2))
-
-    def snapshot(self) -> Table:
-        return self.session.snapshot()
-
-
-class NudgeCourse:
-    """A fixed screen's control points."""
-
-    method: Method = "fixed"
-
-    def __init__(self, nominal: Fixed, mask: Mask, snapshot: Table | None = None) -> None:
-        self.session = (
-            Nudging(nominal, mask) if snapshot is None else Nudging.resume(nominal, mask, snapshot)
-        )
-
-    @property
-    def phase(self) -> Phase:
-        return self.session.phase
-
-    @property
-    def outcome(self) -> Outcome | None:
-        return self.session.outcome
-
-    def key(self, key: str, time_s: float) -> None:
-        self.session.key(key, time_s)
-
-    def view(self) -> View:
-        return self.session.view()
-
-    def look(self, track: Record | None, now_s: float) -> None:
-        """It needs no camera."""
-
-    def marks(self) -> Array:
-        return self.session.marks()
-
-    def snapshot(self) -> Table:
-        return self.session.snapshot()
-
-
-def sighting_of(track: Record) -> Sighting | None:
-    """The pose that was measured in the record's newest frame, None where there was none."""
-    motion, points = track["motion"], track["points"]
-    time_s = float(track["time_s"])
-    fresh = bool(track["locked"]) and float(motion["time_s"]) == time_s and motion["samples"]
-    if not fresh:
-        return None
-    pose = Pose(motion["rotation"].copy(), motion["translation"].copy())
-    seen = points["seen_s"] == time_s
-    image = np.where(seen[:, None], points["measured"], np.nan)
-    return Sighting(time_s, pose, motion["measured_covariance"].copy(), image)
-
 
 OpenCourse = Callable[[Table | None], Course]
 """A course from a snapshot, or from the beginning; it may take a second.
