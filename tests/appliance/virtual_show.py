@@ -30,7 +30,7 @@ CART = Cart()
 PLACE = Place()
 WORKERS = ("stage", "tracker", "voice", "pantilt", "show", "dresser")
 PLAYER_HZ = 15
-WALL_FACTOR = 20
+WALL_FACTOR = 60
 """A guest second may take so many of the host's; only a machine that stands still is given up."""
 NO_LIGHT = 0.0005
 """Share of lit pixels up to which the picture is dark."""
