@@ -154,6 +154,8 @@ class Verdict:
 
 
 def judge(shown: Image, wanted: Image) -> Verdict:
+    if shown.shape != wanted.shape:  # another mode, or none yet
+        return Verdict(0.0, float("inf"), 0.0)
     lit, due = is_lit(shown), is_lit(wanted)
     both = float((lit & due).sum())
     either = float((lit | due).sum())

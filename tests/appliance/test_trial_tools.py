@@ -67,6 +67,7 @@ def test_a_face_is_known_by_its_place_its_character_and_its_expression(cart: Car
     for other in (cart.reference(here, "noh"), surprise):
         assert likeness(mean, other) < 0.95
     assert judge(mean, np.zeros_like(mean)).overlap == 0
+    assert judge(np.zeros((480, 640, 3), np.uint8), mean).overlap == 0
 
 
 def test_the_leds_are_where_the_tracker_must_see_them(cart: Cart) -> None:

@@ -30,7 +30,7 @@ CART = Cart()
 PLACE = Place()
 WORKERS = ("stage", "tracker", "voice", "pantilt", "show", "dresser")
 PLAYER_HZ = 15
-WALL_FACTOR = 20
+WALL_FACTOR = 60
 """A guest second may take so many of the host's; only a machine that stands still is given up."""
 NO_LIGHT = 0.0005
 """Share of lit pixels up to which the picture is dark."""
@@ -179,7 +179,7 @@ class VirtualShow:
     def dark(self, guest_s: float = 60) -> Image:
         def nothing() -> Image | None:
             picture = self.picture()
-            return picture if is_lit(picture).mean() <= NO_LIGHT else None
+            return picture if is_lit(picture).mean() <= NO_LIGHT and has_mode(picture) else None
 
         return self.until(nothing, guest_s, "darkness")
 
@@ -188,7 +188,7 @@ class VirtualShow:
 
         def light() -> Image | None:
             picture = self.picture()
-            return picture if is_lit(picture).mean() > 0.01 else None
+            return picture if is_lit(picture).mean() > 0.01 and has_mode(picture) else None
 
         return self.until(light, guest_s, "a face")
 
@@ -294,6 +294,12 @@ def _put(path: Path, data: bytes) -> None:
     part = path.with_name(f"{path.name}.part")
     part.write_bytes(data)
     part.rename(path)
+
+
+def has_mode(picture: Image) -> bool:
+    """Whether it is the projector's, and not QEMU's own while there is no mode."""
+    optics = CART.machine.optics.projector
+    return picture.shape[:2] == (optics.height, optics.width)
 
 
 def codes(text: str) -> set[str]:
