@@ -27,7 +27,7 @@ from hypermask.services import pantilt, show, tracker, voice
 from hypermask.services.dresser import DresserLoop
 from hypermask.services.loop import Loop
 from hypermask.voice.follower import VoiceSettings
-from hypermask.workers.board import Board
+from hypermask.workers.board import KEPT, Board
 from hypermask.workers.cast import DOTS
 from hypermask.workers.health import Health
 from hypermask.workers.realtime import be_realtime, die_with_parent, freeze_garbage
@@ -216,7 +216,7 @@ def _tracker(rig: ScenarioRig) -> Part:
 
 def _voice(rig: ScenarioRig) -> Part:
     _ = rig.world.voice  # read the recording before the show, not in it
-    loop = voice.VoiceLoop(rig, rig.cart.sound, calibrated=False)
+    loop = voice.VoiceLoop(rig, rig.cart.sound, calibrated=False, kept=KEPT)
     worker = loop.worker
     return Part(loop, lambda: {"history": worker.history, "compute_s": worker.compute_s})
 

@@ -42,6 +42,7 @@ from hypermask.workers.wings import Wings
 from hypermask_drivers.projector import Projector
 
 IDLE_S = 0.02
+_OVER = object()
 ALONE_S = 2.0
 """Without a word from any show for so long, the first character plays as the show file has it."""
 
@@ -67,6 +68,7 @@ class StageLoop:
         self.projector = Kept(projector, "projector", rig.clock, rig.report)
         self._overture = overture
         self._context: moderngl.Context | None = None
+        self._steps: tuple[moderngl.Context, Generator[None, None, None]] | None = None
         self._flipper: Flipper[Picture] | None = None
         self._tries = 0
         # Before the calibration is read: what is stored from now on is taken over.
@@ -90,8 +92,7 @@ class StageLoop:
             return tried
         self._health.device(True)
         if self._context is not self._device.context:
-            for _ in self.set_up():
-                pass
+            return self._set_up_further()
         assert self._flipper is not None
         shown = self._flipper.flip()
         if shown is None:
@@ -100,6 +101,15 @@ class StageLoop:
         self._health.worked(late_s, shown.missed, first=bool(shown.picture.items))
         if shown.next_s is not None:
             self._use(self._flipper.spare_s(shown.next_s))
+        return True
+
+    def _set_up_further(self) -> bool:
+        """A step of the set-up a turn, for each is work that the watchdog has to hear of."""
+        context = self._device.context
+        if self._steps is None or self._steps[0] is not context:
+            self._steps = context, self.set_up()
+        if next(self._steps[1], _OVER) is _OVER:
+            self._steps = None
         return True
 
     def _use(self, spare_s: float) -> None:

@@ -12,21 +12,30 @@ WAIT_S = 0.1
 IDLE_S = 0.02
 
 
-def build(rig: Rig, calibrated: bool = True) -> Loop:
-    """calibrated: whether this machine's speaker is known to it."""
+_KEPT = 100
+"""Frames: a voice that is followed for hours keeps no more of itself."""
+
+
+def build(rig: Rig) -> Loop:
     sound = rig.device("sound")
     if sound is None:
         return Quiet("no microphone in this machine")
     assert isinstance(sound, SoundIn)
-    return VoiceLoop(rig, sound, calibrated)
+    return VoiceLoop(rig, sound)
 
 
 class VoiceLoop:
-    def __init__(self, rig: Rig, sound: SoundIn, calibrated: bool) -> None:
+    """calibrated: whether this machine's speaker is known to it. kept: frames for a report."""
+
+    def __init__(
+        self, rig: Rig, sound: SoundIn, calibrated: bool = True, kept: int = _KEPT
+    ) -> None:
         self._rig, self._clock, self._health = rig, rig.clock, rig.health
         self._sound = sound
         who = speaker_in_use(rig.report, rig.clock.now()) if calibrated else None
-        self.worker = VoiceWorker(sound, rig.board, rig.clock, rig.report, rig.machine.voice, who)
+        self.worker = VoiceWorker(
+            sound, rig.board, rig.clock, rig.report, rig.machine.voice, who, kept
+        )
         self._tries = 0
 
     def begin(self) -> None:

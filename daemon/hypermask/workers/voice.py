@@ -48,8 +48,10 @@ class VoiceWorker:
         report: Report,
         settings: VoiceSettings | None = None,
         speaker: Speaker | None = None,
+        kept: int = KEPT,
     ) -> None:
-        """speaker: what calibration learnt of the actor, see `speaker_in_use`."""
+        """speaker: what calibration learnt of the actor, see `speaker_in_use`; kept: how many
+        frames `history` holds."""
         self._check = SoundCheck(report)
         self.sound = Kept(sound, "sound", clock, self._check.device_news)
         self._board = board
@@ -64,8 +66,8 @@ class VoiceWorker:
         self._pupil_s = 0.0
         self._followed_s = clock.now()
         self._shut = True
-        self.compute_s: deque[float] = deque(maxlen=KEPT)
-        self.history: deque[MouthFrame] = deque(maxlen=KEPT)
+        self.compute_s: deque[float] = deque(maxlen=kept)
+        self.history: deque[MouthFrame] = deque(maxlen=kept)
 
     def step(self, timeout_s: float = 0.0) -> bool:
         """Take one block of sound if there is one; False when there was none."""
