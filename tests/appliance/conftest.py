@@ -19,6 +19,7 @@ FOLDER = ROOT / "build/appliance-report"
 DEBS = ROOT / "build/deb"
 NEXT_DEBS = ROOT / "build/appliance/next"
 TOOLS = ("qemu-system-x86_64", "qemu-img", "mmdebstrap", "mkfs.ext4", "dpkg-deb")
+_PARTS = pytest.StashKey[dict[str, Part]]()
 _PART = pytest.StashKey[Part]()
 _STEP = pytest.StashKey[Step]()
 
@@ -38,15 +39,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     if item.get_closest_marker("appliance") is None:
         return (yield)
-    config = item.config
-    if _PART not in config.stash:
-        name = os.environ.get("HYPERMASK_TRIAL_PART") or Path(item.path).stem
-        config.stash[_PART] = Part(FOLDER, name)
+    name = Path(item.path).stem
+    part = item.config.stash.setdefault(_PARTS, {}).get(name) or Part(FOLDER, name)
+    item.config.stash[_PARTS][name] = part
     doc = (getattr(item, "obj", None) and item.obj.__doc__) or ""
     title = doc.strip().splitlines()[0] if doc else item.name.removeprefix("test_")
-    item.stash[_STEP] = config.stash[_PART].begin(item.name, title.replace("_", " "))
+    item.stash[_PART] = part
+    item.stash[_STEP] = part.begin(item.name, title.replace("_", " "))
     result = yield
-    config.stash[_PART].write()
+    part.write()
     return result
 
 
@@ -78,6 +79,7 @@ class Record:
 
     def note(self, text: str) -> None:
         self._step.notes.append(text)
+        self._part.write()
 
     def log(self, text: str) -> None:
         self._step.log += text
@@ -85,7 +87,7 @@ class Record:
 
 @pytest.fixture
 def record(request: pytest.FixtureRequest) -> Record:
-    return Record(request.config.stash[_PART], request.node.stash[_STEP])
+    return Record(request.node.stash[_PART], request.node.stash[_STEP])
 
 
 @pytest.fixture(scope="session")

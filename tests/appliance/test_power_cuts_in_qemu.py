@@ -23,7 +23,6 @@ pytestmark = [pytest.mark.appliance, pytest.mark.timeout(5400)]
 WORK = ROOT / "build/appliance/cuts"
 CUTS = 20
 SEED = 11
-QUICK = ("systemd.unit=cart-quick.target",)
 PYTHON = (
     "OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=/usr/share/hypermask/python "
     "HYPERMASK_HOME=/var/lib/hypermask python3 /source/tests/appliance/guest_writer.py"
@@ -41,7 +40,7 @@ def rounds() -> dict[str, int]:
 def test_power_cuts(disk: Disk, record: Record) -> None:
     """Power cut at 20 random moments while characters, calibration, configuration are written"""
     choice = random.Random(SEED)
-    show = VirtualShow(disk, WORK, keep_disk=True, arguments=QUICK)
+    show = VirtualShow(disk, WORK, keep_disk=True, show=False)
     try:
         for number in range(1, CUTS + 1):
             show.cart.wait_booted(3600)
@@ -54,7 +53,7 @@ def test_power_cuts(disk: Disk, record: Record) -> None:
             time.sleep(choice.uniform(0.0, 6.0))
             show.power_cut()
             if number == CUTS:
-                show.without(QUICK)
+                show.with_a_show()
             show.switch_on()
         show.cart.wait_booted(3600)
         _check(show, record, f"cut {CUTS}")

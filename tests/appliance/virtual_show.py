@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from stage_references import Cart, Image, Place, Verdict, is_lit, judge, likeness
@@ -32,6 +32,9 @@ WORKERS = ("stage", "tracker", "voice", "pantilt", "show", "dresser")
 PLAYER_HZ = 15
 WALL_FACTOR = 60
 """A guest second may take so many of the host's; only a machine that stands still is given up."""
+_QUICK: dict[str, Any] = {
+    "kernel_arguments": ("systemd.unit=cart-quick.target",), "slowness": 1.0
+}  # fmt: skip
 NO_LIGHT = 0.0005
 """Share of lit pixels up to which the picture is dark."""
 
@@ -43,11 +46,12 @@ class NotInTime(AssertionError):
 class VirtualShow:
     """One machine with its light, its pan-tilt unit and a watcher of its picture.
 
-    work: a folder of its own, emptied. keep_disk: what is written outlives a power cut.
+    work: a folder of its own, emptied. keep_disk: what is written outlives a power cut. show: else
+    the machine boots no further than to a look at its disk, as quickly as it can.
     """
 
     def __init__(
-        self, disk: Disk, work: Path, keep_disk: bool = False, arguments: tuple[str, ...] = ()
+        self, disk: Disk, work: Path, keep_disk: bool = False, show: bool = True
     ) -> None:
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
@@ -62,9 +66,9 @@ class VirtualShow:
             ROOT,
             screen=(optics.width, optics.height),
             ptu=work / "ptu",
-            kernel_arguments=arguments,
         )
-        self._machine = machine.own_disk(work / "disk.qcow2") if keep_disk else machine
+        machine = machine.own_disk(work / "disk.qcow2") if keep_disk else machine
+        self._machine = machine if show else replace(machine, **_QUICK)
         self.light(CART.frames(PLACE))
         self.silence()
         self.switch_on()
@@ -74,10 +78,10 @@ class VirtualShow:
         self.watcher = Watcher(self.cart.second_monitor(), self.work)
         self.watcher.start()
 
-    def without(self, arguments: tuple[str, ...]) -> None:
-        """The next start is without these arguments of the kernel."""
-        kept = [each for each in self._machine.kernel_arguments if each not in arguments]
-        self._machine = replace(self._machine, kernel_arguments=kept)
+    def with_a_show(self) -> None:
+        """From the next start on."""
+        usual = Machine(self._machine.image, self.work, ROOT)
+        self._machine = replace(self._machine, **{name: getattr(usual, name) for name in _QUICK})
 
     def power_cut(self) -> None:
         self.watcher.stop()

@@ -60,7 +60,7 @@ class Machine:
     work: Path
     source: Path
     memory_mb: int = 2048
-    slowness: float = 4.0
+    slowness: float = 8.0
     screen: tuple[int, int] = (1280, 800)
     disk: Path | None = None
     ptu: Path | None = None
