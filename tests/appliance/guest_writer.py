@@ -1,7 +1,8 @@
 """Runs inside the guest: writes a calibration, a character and a configuration, again and again.
 
 Each carries the number of its round. What has been written is told to the host line by line in
-/host/written, before the next is begun. `guest_writer.py check` prints, as JSON, what is there.
+/host/written, before the next is begun. `guest_writer.py FIRST_ROUND` tells before, as JSON in
+/host/found, what is there; `guest_writer.py check` does no more than that.
 """
 
 import json
@@ -22,6 +23,7 @@ from hypermask.machine import files
 from hypermask_drivers.mask import load_mask
 
 TOLD = Path("/host/written")
+FOUND = Path("/host/found")
 NAME = "cutlass"
 SIDE = 512
 DISTANCE_M = 1.4
@@ -94,8 +96,17 @@ def check() -> dict:
     }
 
 
+def tell_what_is_there() -> None:
+    part = FOUND.with_name("found.part")
+    part.write_text(json.dumps(check()))
+    part.rename(FOUND)
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "check":
-        print(json.dumps(check()))
+        tell_what_is_there()
     else:
-        write_for_ever(int(sys.argv[1]))
+        first = int(sys.argv[1])
+        if first > 1:
+            tell_what_is_there()
+        write_for_ever(first)

@@ -68,6 +68,8 @@ class Cart:
         self.mask = load_mask(mask_folder(self.machine.mask))
         self.show = load_show(paths.configs() / "shows" / f"{self.machine.show}.toml")
         self._procam = nominal_projector(self.machine)
+        self.width = self.machine.optics.projector.width
+        self.height = self.machine.optics.projector.height
 
     def world(self, place: Place, motion: str = "still", speed: float = 1.0) -> World:
         camera, projector = self.machine.optics.camera, self.machine.optics.projector

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import random
 import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -27,7 +28,7 @@ PYTHON = (
     "OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=/usr/share/hypermask/python "
     "HYPERMASK_HOME=/var/lib/hypermask python3 /source/tests/appliance/guest_writer.py"
 )
-WRITTEN = WORK / "written"
+WRITTEN, FOUND = WORK / "written", WORK / "found"
 KINDS = ("calibration", "character", "configuration")
 
 
@@ -44,11 +45,11 @@ def test_power_cuts(disk: Disk, record: Record) -> None:
     try:
         for number in range(1, CUTS + 1):
             show.cart.wait_booted(3600)
-            if number > 1:
-                _check(show, record, f"cut {number - 1}")
-            before = rounds()
-            next_round = max(before.values(), default=0) + 1
+            told = rounds()
+            next_round = max(told.values(), default=0) + 1
             show.run(f"{PYTHON} {next_round} >/host/writer.log 2>&1 & echo started")
+            if number > 1:
+                _check(told, record, f"cut {number - 1}")
             _wait_for_rounds(next_round)
             time.sleep(choice.uniform(0.0, 6.0))
             show.power_cut()
@@ -56,7 +57,8 @@ def test_power_cuts(disk: Disk, record: Record) -> None:
                 show.with_a_show()
             show.switch_on()
         show.cart.wait_booted(3600)
-        _check(show, record, f"cut {CUTS}")
+        show.run(f"{PYTHON} check", 300)
+        _check(rounds(), record, f"cut {CUTS}")
         picture = show.face(400)
         record.picture(picture, "the show after the last power cut")
         assert "CAL-READ" not in show.journal(400)
@@ -67,17 +69,25 @@ def test_power_cuts(disk: Disk, record: Record) -> None:
 
 def _wait_for_rounds(number: int) -> None:
     """Until the first round is written: from then on a cut hits a program that writes."""
-    deadline = time.monotonic() + 1800
-    while rounds().get("configuration", 0) < number:
+    _wait(lambda: rounds().get("configuration", 0) >= number)
+
+
+def _wait(reached: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 900
+    while not reached():
         if time.monotonic() > deadline:
-            raise AssertionError(f"nothing is written: {(WORK / 'writer.log').read_text()}")
+            log = WORK / "writer.log"
+            raise AssertionError(
+                f"the writer stands still: {log.read_text() if log.exists() else ''}"
+            )
         time.sleep(0.1)
 
 
-def _check(show: VirtualShow, record: Record, when: str) -> None:
+def _check(told: dict[str, int], record: Record, when: str) -> None:
     """Everything that was told is there, whole, or something newer is."""
-    told = rounds()
-    found: dict[str, Any] = json.loads(show.run(f"{PYTHON} check", 300).splitlines()[-1])
+    _wait(FOUND.exists)
+    found: dict[str, Any] = json.loads(FOUND.read_text("utf-8"))
+    FOUND.unlink()
     record.note(f"{when}: written {told}, found { {kind: found[kind] for kind in KINDS} }")
     for kind in KINDS:
         assert told[kind] <= found[kind] <= told[kind] + 1, f"{when}: {kind}"

@@ -33,7 +33,7 @@ PLAYER_HZ = 15
 WALL_FACTOR = 60
 """A guest second may take so many of the host's; only a machine that stands still is given up."""
 _QUICK: dict[str, Any] = {
-    "kernel_arguments": ("systemd.unit=cart-quick.target",), "slowness": 1.0
+    "kernel_arguments": ("init=/usr/local/lib/cart/quick",), "slowness": 1.0
 }  # fmt: skip
 NO_LIGHT = 0.0005
 """Share of lit pixels up to which the picture is dark."""
@@ -50,21 +50,18 @@ class VirtualShow:
     the machine boots no further than to a look at its disk, as quickly as it can.
     """
 
-    def __init__(
-        self, disk: Disk, work: Path, keep_disk: bool = False, show: bool = True
-    ) -> None:
+    def __init__(self, disk: Disk, work: Path, keep_disk: bool = False, show: bool = True) -> None:
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
         self.work = work
         self.line = PtuLine(PtuUnit(PtuData()), RealClock(), work / "ptu")
         self.line.do(lambda unit, now_s: unit.power_cycle(now_s))
         self.line.plug()
-        optics = CART.machine.optics.projector
         machine = Machine(
             disk,
             work,
             ROOT,
-            screen=(optics.width, optics.height),
+            screen=(CART.width, CART.height),
             ptu=work / "ptu",
         )
         machine = machine.own_disk(work / "disk.qcow2") if keep_disk else machine
@@ -302,8 +299,7 @@ def _put(path: Path, data: bytes) -> None:
 
 def has_mode(picture: Image) -> bool:
     """Whether it is the projector's, and not QEMU's own while there is no mode."""
-    optics = CART.machine.optics.projector
-    return picture.shape[:2] == (optics.height, optics.width)
+    return picture.shape[:2] == (CART.height, CART.width)
 
 
 def codes(text: str) -> set[str]:

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 PORT_NAME = "hypermask.agent"
-PORT = Path("/dev/virtio-ports") / PORT_NAME
 TIMED_OUT = 124
 
 
@@ -50,8 +49,16 @@ def answer(line: str) -> dict[str, Any]:
         return {"id": None, "status": 2, "output": f"not a request: {error}"}
 
 
+def port() -> Path:
+    """The port's device, also before udev has given it its name."""
+    for name in Path("/sys/class/virtio-ports").glob("*/name"):
+        if name.read_text().strip() == PORT_NAME:
+            return Path("/dev") / name.parent.name
+    return Path("/dev/virtio-ports") / PORT_NAME
+
+
 def main() -> None:
-    descriptor = os.open(PORT, os.O_RDWR)
+    descriptor = os.open(port(), os.O_RDWR)
     buffer = b""
     os.write(descriptor, b'{"id": 0, "status": 0, "output": "ready"}\n')
     while True:

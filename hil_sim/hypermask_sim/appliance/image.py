@@ -81,7 +81,7 @@ def build(folder: Path, debs: Sequence[Path] = ()) -> Image:
     base = _base(folder, packages)
     root = folder / "root"
     shutil.rmtree(root, ignore_errors=True)
-    _run("cp", "-a", "--reflink=auto", str(base), str(root))
+    _run("cp", "-a", "--reflink=auto", str(base.resolve()), str(root))
     _install(root, debs)
     _furnish(root)
     for name, target in (("vmlinuz", image.kernel), ("initrd.img", image.initrd)):
@@ -156,7 +156,9 @@ def _boot(root: Path, name: str) -> Path:
 
 def _furnish(root: Path) -> None:
     shutil.copytree(FURNITURE, root, dirs_exist_ok=True)
-    shutil.copy(guest.__file__, root / "usr/local/lib/cart/agent.py")
+    programs = root / "usr/local/lib/cart"
+    shutil.copy(guest.__file__, programs / "agent.py")
+    (programs / "quick").chmod(0o755)  # the kernel starts it
     wants = root / "etc/systemd/system/multi-user.target.wants"
     wants.mkdir(parents=True, exist_ok=True)
     for unit in sorted(FURNITURE.glob("etc/systemd/system/cart-*.service")):
