@@ -18,7 +18,7 @@ UFFDIO_API = 0xC018AA3F
 UFFDIO_REGISTER = 0xC020AA00
 REGISTER_MODE_MISSING = 1
 VIDIOC_S_EXT_CTRLS = 0xC0205648
-VIVID_STRING = 0x0098F000 + 6  # vivid's string control: its value is read under the lock
+VIVID_STRING = 0x0098F900 + 5  # vivid's string control: its value is read under the lock
 
 libc = ctypes.CDLL(None, use_errno=True)
 

@@ -101,8 +101,8 @@ class Machine:
         ]  # fmt: skip
 
     def environment(self) -> dict[str, str]:
-        """QEMU's: its clock goes slowly. The guest's kernel finds the processor's cycle counter that
-        much quicker when it measures it at its start, so all of the guest's clocks agree.
+        """QEMU's: its clock goes slowly. The guest's kernel measures the cycle counter by it at its
+        start and finds that one so much quicker: all of the guest's clocks agree.
 
         Raises `HypermaskError` APL-TOOL.
         """
