@@ -429,7 +429,7 @@ def test_purge(show: VirtualShow, record: Record) -> None:
     left = show.run(
         "find / -xdev -path /proc -prune -o -path /host -prune -o -path /source -prune -o "
         "-iname '*hypermask*' -print; find /run /dev -iname '*hypermask*'; "
-        "pgrep -af hypermask.services; dpkg-query -W 'hypermask*' 2>/dev/null; true",
+        "pgrep -af '[h]ypermask.services'; dpkg-query -W 'hypermask*' 2>/dev/null; true",
         300,
     )
     left = "\n".join(line for line in left.splitlines() if "/var/log/journal" not in line)

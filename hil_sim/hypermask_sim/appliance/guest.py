@@ -16,7 +16,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-PORT_NAME = "hypermask.agent"
+PORT_NAME = "cart.agent"
 TIMED_OUT = 124
 
 

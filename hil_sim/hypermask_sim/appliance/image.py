@@ -87,7 +87,7 @@ def build(folder: Path, debs: Sequence[Path] = ()) -> Image:
     for name, target in (("vmlinuz", image.kernel), ("initrd.img", image.initrd)):
         shutil.copyfile(_boot(root, name), target)
     image.disk.unlink(missing_ok=True)
-    _run("mkfs.ext4", "-q", "-L", "hypermask", "-d", str(root), str(image.disk), DISK_SIZE)
+    _run("mkfs.ext4", "-q", "-L", "cart", "-d", str(root), str(image.disk), DISK_SIZE)
     shutil.rmtree(root)
     mark.write_text(wanted, "utf-8")
     return image
