@@ -293,8 +293,7 @@ def test_full_disk(show: VirtualShow, record: Record) -> None:
         victim = show.working("show")
         show.run(f"kill -KILL {victim.pid}")
         show.working("show", not_pid=victim.pid)
-        show.press("8")
-        show.shows(PLACE, cue="surprise")
+        show.press_until("8", PLACE, "surprise")
     finally:
         show.run("rm -rf /var/tmp/ballast")
     assert show.run("hypermask config check", 120)
