@@ -30,6 +30,8 @@ CART = Cart()
 PLACE = Place()
 WORKERS = ("stage", "tracker", "voice", "pantilt", "show", "dresser")
 PLAYER_HZ = 15
+SWAY_S = 12.0
+"""Slow enough for steps at the player's rate to look like a motion."""
 WALL_FACTOR = 60
 """A guest second may take so many of the host's; only a machine that stands still is given up."""
 _QUICK: dict[str, Any] = {
@@ -99,7 +101,7 @@ class VirtualShow:
         self.light(CART.frames(place))
 
     def sway(self, place: Place = PLACE) -> None:
-        self.light(CART.moving_frames(place, PLAYER_HZ))
+        self.light(CART.moving_frames(place, PLAYER_HZ, SWAY_S))
 
     def silence(self, seconds: float = 2.0) -> None:
         self.sound(np.zeros(round(16000 * seconds)))
