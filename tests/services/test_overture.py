@@ -146,6 +146,21 @@ def test_the_stage_goes_on_with_what_the_overture_dressed(
     assert [code for code in cart.told if code != "CAL-NONE"] == []
 
 
+def test_without_an_overture_the_watchdog_hears_of_each_step_of_the_set_up(cart: Cart) -> None:
+    """A turn that advanced feeds it: the set-up is not one long turn."""
+    rig = cart.rig()
+    device = rig.device("projector")
+    assert isinstance(device, Projector)
+    loop = StageLoop(rig, device)
+    loop.begin()
+    turns = 0
+    while rig.health.record["steps"] == 0 and turns < 100:
+        assert loop.turn()
+        turns += 1
+    assert 3 < turns < 100
+    loop.stop()
+
+
 def test_the_character_that_was_on_comes_back(cart: Cart) -> None:
     cart.play("third")
     found = overture.begin(cart.report)

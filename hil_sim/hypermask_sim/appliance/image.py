@@ -156,9 +156,7 @@ def _boot(root: Path, name: str) -> Path:
 
 def _furnish(root: Path) -> None:
     shutil.copytree(FURNITURE, root, dirs_exist_ok=True)
-    programs = root / "usr/local/lib/cart"
-    shutil.copy(guest.__file__, programs / "agent.py")
-    (programs / "quick").chmod(0o755)  # the kernel starts it
+    shutil.copy(guest.__file__, root / "usr/local/lib/cart/agent.py")
     wants = root / "etc/systemd/system/multi-user.target.wants"
     wants.mkdir(parents=True, exist_ok=True)
     for unit in sorted(FURNITURE.glob("etc/systemd/system/cart-*.service")):
