@@ -12,9 +12,9 @@ Image points have the origin in the centre of the top left pixel.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -104,11 +104,26 @@ class Fisheye:
 
 def rotation_from_vector(vector: ArrayLike) -> Array:
     """Rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues)."""
-    return np.asarray(cv2.Rodrigues(np.asarray(vector, float).reshape(3, 1))[0], float)
+    x, y, z = np.asarray(vector, float).reshape(3).tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = x / angle, y / angle, z / angle
+    c, s = math.cos(angle), math.sin(angle)
+    v = 1 - c
+    return np.array(
+        [
+            [c + v * x * x, v * x * y - s * z, v * x * z + s * y],
+            [v * x * y + s * z, c + v * y * y, v * y * z - s * x],
+            [v * x * z - s * y, v * y * z + s * x, c + v * z * z],
+        ]
+    )
 
 
 def vector_from_rotation(rotation: ArrayLike) -> Array:
     """Rotation vector (3,) in radians of a rotation matrix (3, 3), angle at most pi."""
+    import cv2  # not above: half of a process's start, and most processes never need it
+
     return np.asarray(cv2.Rodrigues(np.asarray(rotation, float))[0], float).reshape(3)
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
@@ -82,6 +81,8 @@ class Mask:
     def height(self, x: ArrayLike, y: ArrayLike) -> Array:
         """z of the surface in metres at (x, y) metres, bilinear; the border goes on outwards."""
         xs, ys = np.broadcast_arrays(np.asarray(x, np.float32), np.asarray(y, np.float32))
+        import cv2  # not above: half of a process's start, and most processes never need it
+
         half_width, half_height = self.half_size_m
         spacing = self.settings.relief.spacing_m
         # remap takes no map with a side of 32767 or more.
@@ -119,6 +120,8 @@ def load_mask(folder: Path) -> Mask:
 
 
 def _load_relief(path: Path, settings: MaskSettings) -> NDArray[np.float32]:
+    import cv2
+
     steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
     if steps is None or steps.dtype != np.uint16 or steps.ndim != 2 or min(steps.shape) < 2:
         raise ConfigError(

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from theatre import Theatre
+from virtual_show import VirtualShow
 
 from hypermask_sim.appliance.image import Image, build
 from hypermask_sim.appliance.report import Part, Step
@@ -19,6 +21,7 @@ FOLDER = ROOT / "build/appliance-report"
 DEBS = ROOT / "build/deb"
 NEXT_DEBS = ROOT / "build/appliance/next"
 TOOLS = ("qemu-system-x86_64", "qemu-img", "mmdebstrap", "mkfs.ext4", "dpkg-deb")
+LONGEST_FIRST = ("test_faults_in_qemu", "test_show_in_qemu", "test_power_cuts_in_qemu")
 _PARTS = pytest.StashKey[dict[str, Part]]()
 _PART = pytest.StashKey[Part]()
 _STEP = pytest.StashKey[Step]()
@@ -30,9 +33,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         why = "building the disk needs root"
     elif missing := [tool for tool in TOOLS if shutil.which(tool) is None]:
         why = f"needs {', '.join(missing)}"
+    # Two machines at a time: the short ones fill the gaps at the end.
+    items.sort(key=lambda item: _rank(Path(item.path).stem))
     for item in items:
         if why and item.get_closest_marker("appliance"):
             item.add_marker(pytest.mark.skip(reason=why))
+
+
+def _rank(name: str) -> int:
+    return LONGEST_FIRST.index(name) if name in LONGEST_FIRST else len(LONGEST_FIRST)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -98,6 +107,41 @@ def disk() -> Image:
     if not debs:
         pytest.fail("there are no packages in build/deb: run make deb")
     return build(ROOT / "build/appliance", debs)
+
+
+@pytest.fixture(scope="module")
+def theatre(disk: Image, request: pytest.FixtureRequest) -> Iterator[Theatre]:
+    theatre = Theatre(disk, ROOT / "build/appliance" / Path(request.path).stem)
+    yield theatre
+    theatre.close()
+
+
+@pytest.fixture
+def show(theatre: Theatre) -> VirtualShow:
+    return theatre.playing()
+
+
+@pytest.fixture(autouse=True)
+def _kept(request: pytest.FixtureRequest) -> Iterator[None]:
+    """The picture and the journal at the end of each step of a show; a step that failed leaves a
+    machine that is not trusted."""
+    if "theatre" not in request.fixturenames:
+        yield
+        return
+    theatre: Theatre = request.getfixturevalue("theatre")
+    record: Record = request.getfixturevalue("record")
+    yield
+    show = theatre.show
+    failed = getattr(request.node, "failed", True)
+    theatre.plays = not failed
+    if show is None:
+        return
+    try:
+        record.picture(show.picture(), "at the end of the step")
+        record.log(show.journal(400 if failed else 60))
+    except Exception as error:
+        theatre.plays = False
+        record.log(f"the machine does not answer: {error}")
 
 
 @pytest.fixture(scope="session")

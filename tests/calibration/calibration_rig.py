@@ -10,10 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from hypermask.calibration import Cart, Position, ProCam, Session, Sighting, nominal_procam
-from hypermask.calibration.parameters import point_jacobian, skew
+from hypermask.calibration.outcome import Cart
+from hypermask.calibration.parameters import ProCam, nominal_procam, point_jacobian, skew
 from hypermask.calibration.placements import Placement
+from hypermask.calibration.positions import Position
 from hypermask.calibration.quality import WorkingVolume, working_volume
+from hypermask.calibration.session import Session
+from hypermask.calibration.still import Sighting
 from hypermask.geometry import (
     FACING,
     Array,

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hypermask.calibration import Outcome, records, storage
+from hypermask.calibration import records, storage
 from hypermask.calibration.fixed import (
     Fixed,
     control_points,
@@ -21,6 +21,7 @@ from hypermask.calibration.fixed import (
     solve,
 )
 from hypermask.calibration.nudging import Nudging
+from hypermask.calibration.outcome import Outcome
 from hypermask.calibration.session import Phase
 from hypermask.errors import DataError
 from hypermask.geometry import Array, Fisheye

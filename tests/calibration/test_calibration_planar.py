@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from calibration_rig import CAMERA, MASK, Rig, data_sheet, reference_truth, rms
 
-from hypermask.calibration import Planar, ProCam, planned_positions, rehearse
 from hypermask.calibration.parallax import Parallax, surface
-from hypermask.calibration.parameters import point_jacobian
-from hypermask.calibration.planar import affine, calibrate, projective
+from hypermask.calibration.parameters import ProCam, point_jacobian
+from hypermask.calibration.planar import Planar, affine, calibrate, projective
+from hypermask.calibration.rehearsed import rehearse
+from hypermask.calibration.session import planned_positions
 from hypermask.errors import DataError
 from hypermask.geometry import FACING, Pose, homogeneous_apply
 

@@ -16,24 +16,21 @@ from calibration_rig import (
     volume,
 )
 
-from hypermask.calibration import (
-    Position,
-    ProCam,
-    nominal_procam,
-    planned_positions,
-    rehearse,
-    solve,
-    solve_opencv,
-)
 from hypermask.calibration.parameters import (
+    ProCam,
     difference,
+    nominal_procam,
     parameter_jacobian,
     point_jacobian,
     pose_jacobian,
     updated,
 )
 from hypermask.calibration.placements import Placement
-from hypermask.calibration.procam import fit
+from hypermask.calibration.positions import Position
+from hypermask.calibration.procam import fit, solve
+from hypermask.calibration.reference import solve_opencv
+from hypermask.calibration.rehearsed import rehearse
+from hypermask.calibration.session import planned_positions
 from hypermask.errors import DataError
 from hypermask.geometry import Pose, rotation_from_vector
 

@@ -18,9 +18,19 @@ from calibration_rig import (
     volume,
 )
 
-from hypermask.calibration import Position, assess, planned_positions, solve
 from hypermask.calibration.parameters import updated
-from hypermask.calibration.positions import candidates, eyes, fits, information, plan, recentred
+from hypermask.calibration.positions import (
+    Position,
+    candidates,
+    eyes,
+    fits,
+    information,
+    plan,
+    recentred,
+)
+from hypermask.calibration.procam import solve
+from hypermask.calibration.quality import assess
+from hypermask.calibration.session import planned_positions
 from hypermask.geometry import attitude_from_rotation
 
 TRUTH = reference_truth()

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from calibration_rig import MASK, Rig, reference_truth, rms, true_errors_mm, volume
 
-from hypermask.calibration import Phase, Planar, ProCam, Session, planned_positions, rehearse
-from hypermask.calibration.session import LEAST_FRAMES, STEPS_PX
+from hypermask.calibration.parameters import ProCam
+from hypermask.calibration.planar import Planar
+from hypermask.calibration.rehearsed import rehearse
+from hypermask.calibration.session import LEAST_FRAMES, STEPS_PX, Phase, Session, planned_positions
 from hypermask.errors import DataError
 from hypermask.geometry import Pose
 

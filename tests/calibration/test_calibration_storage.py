@@ -10,7 +10,11 @@ import numpy as np
 import pytest
 from calibration_rig import Rig, reference_truth
 
-from hypermask.calibration import Outcome, Planar, ProCam, rehearse, storage
+from hypermask.calibration import storage
+from hypermask.calibration.outcome import Outcome
+from hypermask.calibration.parameters import ProCam
+from hypermask.calibration.planar import Planar
+from hypermask.calibration.rehearsed import rehearse
 from hypermask.errors import DataError, HypermaskError
 
 

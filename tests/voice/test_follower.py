@@ -7,8 +7,9 @@ import pytest
 from pydantic import ValidationError
 from voice_sounds import DATA, FORMANTS, at_level, needs_data, noise, recorded, silence, spoken
 
-from hypermask.voice.follower import MouthFollower, MouthFrame, VoiceSettings
+from hypermask.voice.follower import MouthFollower, MouthFrame
 from hypermask.voice.resample import resample
+from hypermask.voice.settings import VoiceSettings
 from hypermask.voice.shapes import (
     CLOSED,
     SHAPE_NAMES,

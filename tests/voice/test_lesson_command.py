@@ -14,7 +14,7 @@ from voice_sounds import needs_data
 
 from hypermask.cli import voice as command
 from hypermask.voice import speaker
-from hypermask.voice.calibrate import PROMPTS
+from hypermask.voice.takes import PROMPTS
 from hypermask.workers import lesson_live
 from hypermask.workers.board import Board
 from hypermask.workers.lesson import LEAD_S

@@ -12,9 +12,11 @@ from voice_sounds import DATA, at_level, needs_data, noise, recorded, silence, s
 from hypermask.cli.voice import app
 from hypermask.errors import DataError
 from hypermask.voice import recurrent, speaker
-from hypermask.voice.calibrate import ASKED, TAKE_S, calibrate, check
+from hypermask.voice.calibrate import calibrate, check
 from hypermask.voice.evaluate import evaluate_calibrated, evaluate_default
-from hypermask.voice.follower import MouthFollower, VoiceSettings
+from hypermask.voice.follower import MouthFollower
+from hypermask.voice.settings import VoiceSettings
+from hypermask.voice.takes import ASKED, TAKE_S
 from hypermask.voice.vowels import one_each, read_table, read_vowel
 
 NETWORK = recurrent.shipped()

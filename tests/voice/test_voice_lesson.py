@@ -11,9 +11,10 @@ import pytest
 from voice_sounds import needs_data, recorded
 
 from hypermask.voice import recurrent, speaker
-from hypermask.voice.calibrate import ASKED, TAKE_S, calibrate, check
+from hypermask.voice.calibrate import calibrate, check
 from hypermask.voice.follower import basis_shapes
 from hypermask.voice.shapes import SHAPE_NAMES, nearest_shape
+from hypermask.voice.takes import ASKED, TAKE_S
 from hypermask.workers.board import Board
 from hypermask.workers.lesson import BAD_S, LEAD_S, MOST_TRIES, VoiceLesson
 from hypermask.workers.lesson_record import LESSON_RESULT, LessonState, text_of

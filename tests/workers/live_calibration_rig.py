@@ -71,7 +71,7 @@ class LiveCart:
     def _modes(self, board: Board) -> Modes:
         subject = Subject(
             self.scenario.mapping,
-            self.world.mask,
+            lambda: self.world.mask,
             lambda: calibration_cart(self.world),
             lambda: nominal_screen(self.world),
         )

@@ -12,7 +12,8 @@ from live_calibration_rig import LiveCart
 from typer.testing import CliRunner
 
 from hypermask.bench.runs import scenario
-from hypermask.calibration import Outcome, storage
+from hypermask.calibration import storage
+from hypermask.calibration.outcome import Outcome
 from hypermask.cli import calibrate as command
 from hypermask.cli.main import app
 from hypermask.rehearsal.cart import true_screen

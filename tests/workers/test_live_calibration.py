@@ -12,7 +12,8 @@ from live_calibration_rig import LiveCart, cross_seen, operate, operator_of
 
 from hypermask.bench.runs import scenario
 from hypermask.blackboard import Record
-from hypermask.calibration import Outcome, storage
+from hypermask.calibration import storage
+from hypermask.calibration.outcome import Outcome
 from hypermask.calibration.positions import Position
 from hypermask.errors import HypermaskError, UsageError
 from hypermask.rehearsal.cart import true_screen
@@ -260,9 +261,9 @@ def test_a_machine_offers_what_it_can_do() -> None:
     world = World(maskbot())
     nothing: Any = lambda: None  # noqa: E731
     report: Any = nothing
-    fixed = Subject("fixed", world.mask, None, nothing)
-    mobile = Subject("procam", world.mask, nothing)
-    blind = Subject("procam", world.mask)
+    fixed = Subject("fixed", lambda: world.mask, None, nothing)
+    mobile = Subject("procam", lambda: world.mask, nothing)
+    blind = Subject("procam", lambda: world.mask)
     offers = [
         sorted(calibration_modes(subject, Board.local(), report))
         for subject in (fixed, mobile, blind)
@@ -299,7 +300,7 @@ def test_what_takes_long_holds_up_no_turn_of_the_show(tmp_path: Path, monkeypatc
     world, slow, board = World(maskbot()), Slow(), Board.local()
     from hypermask.rehearsal.cart import nominal_screen
 
-    subject = Subject("fixed", world.mask, None, lambda: nominal_screen(world))
+    subject = Subject("fixed", lambda: world.mask, None, lambda: nominal_screen(world))
     made = calibration_modes(subject, board, lambda *told: None, slow)["calibrate"]()
     assert isinstance(made, CalibrationMode)
     made.begin(10.0)

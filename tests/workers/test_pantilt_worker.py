@@ -8,8 +8,9 @@ import pytest
 
 from hypermask.blackboard import Record
 from hypermask.neck.record import BEAT_S, beat, new_neck, order
+from hypermask.neck.settings import NeckSettings
 from hypermask.workers.board import Board
-from hypermask.workers.pantilt import PERIOD_S, NeckSettings, PanTiltWorker
+from hypermask.workers.pantilt import PERIOD_S, PanTiltWorker
 from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.pantilt.ptu import DirectedPerceptionPtu, PtuSettings
 from hypermask_sim.emulators.ptu import PtuData, PtuUnit

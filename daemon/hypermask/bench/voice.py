@@ -27,9 +27,9 @@ from hypermask.voice.align import Track, follow, report
 from hypermask.voice.corpus import timeline
 from hypermask.voice.evaluate import evaluate
 from hypermask.voice.features import HOP, HOP_S, WINDOW, LogMel, framed
-from hypermask.voice.follower import VoiceSettings
 from hypermask.voice.hearing import Ear, PaperEar, RecurrentEar
 from hypermask.voice.lpc import FRAME, RATE_HZ, cepstra
+from hypermask.voice.settings import VoiceSettings
 from hypermask.voice.shapes import SHAPE_NAMES
 from hypermask.voice.synthesis import Phone
 from hypermask.voice.visemes import VISEME_OF_CLASS

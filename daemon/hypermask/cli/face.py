@@ -65,7 +65,7 @@ def _order(photo: Path, name: str, size: int, as_json: bool) -> None:
 
     from hypermask.errors import DataError
     from hypermask.workers import orders
-    from hypermask.workers.dresser import ORDERS
+    from hypermask.workers.orders import ORDERS
     from hypermask.workers.running import running_board
 
     folder = running_board() / ORDERS

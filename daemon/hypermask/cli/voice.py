@@ -139,8 +139,9 @@ def _say(text: str) -> None:
 
 def _from_recordings(wavs: list[Path], name: str, dry_run: bool, as_json: bool) -> dict[str, Any]:
     from hypermask.voice import recurrent, speaker
-    from hypermask.voice.calibrate import ASKED, PROMPTS, calibrate, check
+    from hypermask.voice.calibrate import calibrate, check
     from hypermask.voice.resample import resample
+    from hypermask.voice.takes import ASKED, PROMPTS
     from hypermask.voice.wav import read_wav
 
     if len(wavs) != len(ASKED):
@@ -200,7 +201,7 @@ def forget() -> None:
 def _settings(model: str, lookahead_ms: int) -> Any:
     from pydantic import ValidationError
 
-    from hypermask.voice.follower import VoiceSettings
+    from hypermask.voice.settings import VoiceSettings
 
     if model not in ("default", "paper"):
         raise UsageError(

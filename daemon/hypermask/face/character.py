@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -155,6 +154,8 @@ def _files(character: Character, compression: int, given: Mapping[str, bytes]) -
 
 def encode_picture(image: Image, compression: int) -> bytes:
     """RGB (h, w, 3) as PNG."""
+    import cv2  # not above: the show looks characters up, but reads none
+
     options = [cv2.IMWRITE_PNG_COMPRESSION, compression]
     if compression == 1:  # for photographs faster than the usual search, and smaller
         options += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
@@ -186,6 +187,8 @@ def load_character(folder: Path) -> Character:
 
 
 def _read_image(path: Path) -> Image:
+    import cv2
+
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None

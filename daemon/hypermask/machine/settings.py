@@ -8,10 +8,10 @@ from pydantic import ConfigDict, Field
 
 from hypermask.config import Settings
 from hypermask.loudspeaker.settings import Loudspeaker, Microphone
+from hypermask.neck.settings import NeckSettings
 from hypermask.stage.settings import StageSettings
 from hypermask.stream.settings import StreamSettings
-from hypermask.voice.follower import VoiceSettings
-from hypermask.workers.pantilt import NeckSettings
+from hypermask.voice.settings import VoiceSettings
 
 DEVICES = ("camera", "projector", "keypad", "sound", "pantilt", "lamp", "power")
 """The tables that describe a device; a machine without such a table has no such device."""

@@ -32,7 +32,7 @@ from hypermask.stage.settings import StageSettings
 from hypermask.tracking.motion import MotionFilter
 from hypermask.tracking.motion_model import MotionParameters
 from hypermask.tracking.tracker import Tracker, TrackerSettings, TrackResult
-from hypermask.voice.follower import VoiceSettings
+from hypermask.voice.settings import VoiceSettings
 from hypermask.workers.alignment import AlignmentSettings, PhaseAligner
 from hypermask.workers.board import Board
 from hypermask.workers.calibration_watch import CalibrationWatch

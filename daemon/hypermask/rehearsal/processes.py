@@ -26,7 +26,7 @@ from hypermask.rehearsal.visitors import SHELF, Visitors
 from hypermask.services import pantilt, show, tracker, voice
 from hypermask.services.dresser import DresserLoop
 from hypermask.services.loop import Loop
-from hypermask.voice.follower import VoiceSettings
+from hypermask.voice.settings import VoiceSettings
 from hypermask.workers.board import KEPT, Board
 from hypermask.workers.cast import DOTS
 from hypermask.workers.health import Health

@@ -32,7 +32,7 @@ def _subject(rig: Rig) -> Subject:
     fixed = machine.mapping == "fixed"
     return Subject(
         machine.mapping,
-        rig.mask,
+        lambda: rig.mask,
         cart if has_camera and not fixed else None,
         (lambda: nominal_screen(machine)) if fixed else None,
     )

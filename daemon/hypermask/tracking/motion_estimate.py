@@ -7,7 +7,6 @@ the pose after every correction, and any attitude and any number of turns is rig
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,6 +69,8 @@ def correct(estimate: Record, pose: Pose, measured: Array) -> tuple[Array, Array
     prior = rows[:, ::n]
     if measured[0, 0] + measured[1, 1] + measured[2, 2] > _VAGUE_RAD**2:
         measured, innovation = _tempered(measured, innovation, prior)
+    import cv2  # not above: who only reads predictions starts without it
+
     # cv2.solve takes a quarter of numpy's time for so small a system.
     gain = cv2.solve(prior + measured, rows, flags=cv2.DECOMP_CHOLESKY)[1].T
     posterior = covariance - gain @ rows

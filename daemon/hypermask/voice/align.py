@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.voice.features import HOP_S
-from hypermask.voice.follower import MouthFollower, MouthFrame, VoiceSettings
+from hypermask.voice.follower import MouthFollower, MouthFrame
 from hypermask.voice.hearing import Ear
 from hypermask.voice.phones import read_phones
+from hypermask.voice.settings import VoiceSettings
 from hypermask.voice.speaker import Speaker
 from hypermask.voice.synthesis import Phone
 from hypermask.voice.visemes import (

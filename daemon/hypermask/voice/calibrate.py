@@ -24,6 +24,7 @@ from hypermask.voice.lpc import FRAME, RATE_HZ, cepstra
 from hypermask.voice.recurrent import UNITS, Recurrent, softmax
 from hypermask.voice.shapes import SHAPE_NAMES, nearest_shape
 from hypermask.voice.speaker import Speaker, unknown
+from hypermask.voice.takes import ASKED, PROMPTS
 from hypermask.voice.visemes import (
     CLASSES,
     SILENCE,
@@ -32,19 +33,6 @@ from hypermask.voice.visemes import (
     basis_shapes,
     class_weights,
 )
-
-ASKED = ("a", "i", "u", "e", "o", "silence")
-"""The takes, in the order in which they are asked for."""
-TAKE_S = 1.5
-"""So long is listened for each; six make nine seconds."""
-PROMPTS = {
-    "a": 'Say a long "ah", as in father.',
-    "i": 'Say a long "ee", as in see.',
-    "u": 'Say a long "oo", as in who.',
-    "e": 'Say a long "eh", as in bed.',
-    "o": 'Say a long "oh", as in go.',
-    "silence": "Stay silent for a moment.",
-}
 
 _SOFT_DB = -50.0  # full scale; the loudest 300 ms of a take
 _ABOVE_SILENCE_DB = 12.0

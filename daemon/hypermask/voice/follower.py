@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from hypermask.voice import recurrent
 from hypermask.voice.hearing import Ear, PaperEar, RecurrentEar
-from hypermask.voice.lips import Lips, LipSettings, PaperLips
+from hypermask.voice.lips import Lips, PaperLips
 from hypermask.voice.lpc import RATE_HZ
 from hypermask.voice.paper_base import shipped_choice
 from hypermask.voice.resample import Resampler
+from hypermask.voice.settings import VoiceSettings
 from hypermask.voice.speaker import Speaker
 from hypermask.voice.visemes import basis_shapes
 
@@ -24,13 +23,6 @@ _GAP_S = 0.02
 _LOUDEST = 8.0  # times full scale; a sample beyond it is broken
 
 _Floats = NDArray[np.float64]
-
-
-class VoiceSettings(LipSettings):
-    """How the mouth follows. "paper": a mouth each 32 ms, straight from the network."""
-
-    mode: Literal["default", "paper"] = "default"
-    lookahead_ms: Literal[0, 10, 20, 30] = Field(0)  # the mouth waits for so much more sound
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from hypermask.config import Settings
 from hypermask.voice.hearing import Heard
-from hypermask.voice.loudness import Loudness, LoudnessSettings
+from hypermask.voice.loudness import Loudness
+from hypermask.voice.settings import LipSettings
 from hypermask.voice.shapes import CLOSED
 from hypermask.voice.visemes import BASIS
 
@@ -20,13 +19,6 @@ _TRAVERSE_S = 0.03
 _VOICE_COMES_S, _VOICE_GOES_S = 0.012, 0.06
 _DOUBT, _BELIEF = 0.4, 0.65  # of the followed probability that somebody speaks
 SHUT: _Floats = np.eye(len(BASIS))[CLOSED]
-
-
-class LipSettings(Settings):
-    attack_s: float = Field(0.008, ge=0, le=0.2)  # time constant of opening
-    release_s: float = Field(0.010, ge=0, le=0.5)  # time constant of closing
-    opening: float = Field(1.0, ge=0, le=2)  # how far the mouth opens at the usual level
-    loudness: LoudnessSettings = LoudnessSettings()
 
 
 class Lips:

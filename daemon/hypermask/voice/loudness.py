@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import Field
-
-from hypermask.config import Settings
 from hypermask.voice.features import HOP_S
+from hypermask.voice.settings import LoudnessSettings
 
 _FALL_DB_S = 100.0  # of the envelope: within a syllable soft consonants are as loud as its vowel
 _USUAL_DB = 4.0  # below the usual level the mouth still opens fully
 _LEAST = 0.1  # of the opening, for the softest voice
 _SPEAKS = 0.5
-
-
-class LoudnessSettings(Settings):
-    """What counts as voice at all, and how soft a voice still moves the mouth."""
-
-    range_db: float = Field(26.0, ge=10, le=60)  # below the usual voice the mouth hardly opens
-    least_db: float = Field(-66.0, ge=-95, le=-10)  # full scale; never opens below
 
 
 class Loudness:

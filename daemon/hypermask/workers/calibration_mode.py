@@ -194,10 +194,10 @@ def _done(snapshot: Table | None) -> Table:
 @dataclass(frozen=True)
 class Subject:
     """What there is to calibrate. cart: None without a camera; screen: None where nothing is fixed
-    to the projector. mapping: as in the machine file."""
+    to the projector. mapping: as in the machine file. Asked for only when a mode begins."""
 
     mapping: str
-    mask: Mask
+    mask: Callable[[], Mask]
     cart: Callable[[], Cart] | None = None
     screen: Callable[[], Fixed] | None = None
 
@@ -221,7 +221,7 @@ def calibration_modes(
     opens: dict[Method, OpenCourse] = {}
     cart, screen = subject.cart, subject.screen
     if subject.mapping == "fixed" and screen is not None:
-        opens["fixed"] = lambda snapshot: NudgeCourse(screen(), subject.mask, snapshot)
+        opens["fixed"] = lambda snapshot: NudgeCourse(screen(), subject.mask(), snapshot)
     elif cart is not None:
         for method in ("click", "affine", "projective"):
             opens[method] = _clicking(cart, method, positions)

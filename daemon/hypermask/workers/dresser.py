@@ -27,8 +27,6 @@ from hypermask.workers.costumes import WORN
 from hypermask.workers.retry import Report
 from hypermask_drivers.clock import Clock
 
-ORDERS = "orders"
-"""Folder of the orders, in the board's folder."""
 _SLOTS = len(np.zeros((), WARDROBE)["costumes"])
 
 
@@ -49,7 +47,7 @@ class Dresser:
         clock, instead of the time that it took."""
         assert board.folder is not None
         self._board, self._folder, self._shelf = board, board.folder, shelf
-        self.orders = self._folder / ORDERS
+        self.orders = self._folder / orders.ORDERS
         self.orders.mkdir(parents=True, exist_ok=True)
         self._mask, self._clock, self._report = mask, clock, report
         self._gamma = (settings or StageSettings()).projector_gamma

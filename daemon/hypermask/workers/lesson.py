@@ -17,7 +17,7 @@ import numpy as np
 
 from hypermask.blackboard import Record
 from hypermask.errors import DataError, HypermaskError
-from hypermask.voice.calibrate import ASKED, PROMPTS, TAKE_S
+from hypermask.voice.takes import ASKED, PROMPTS, TAKE_S
 from hypermask.workers.board import Board
 from hypermask.workers.lesson_record import (
     BEAT_S,

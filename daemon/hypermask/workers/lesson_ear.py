@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hypermask.blackboard import Record
-from hypermask.voice.calibrate import ASKED, TAKE_S
 from hypermask.voice.lpc import RATE_HZ
 from hypermask.voice.resample import Resampler
 from hypermask.voice.speaker import Speaker
+from hypermask.voice.takes import ASKED, TAKE_S
 from hypermask.workers.board import Board
 from hypermask.workers.lesson_record import (
     BEAT_S,

@@ -19,6 +19,8 @@ from hypermask.errors import HypermaskError
 from hypermask.face.character import check_name
 from hypermask.storage import write_atomically
 
+ORDERS = "orders"
+"""Their folder, in the board's folder."""
 _KEPT = 32
 
 

@@ -10,13 +10,12 @@ import math
 from collections import deque
 
 import numpy as np
-from pydantic import Field
 
 from hypermask.blackboard import Record
-from hypermask.config import Settings
 from hypermask.errors import HypermaskError
 from hypermask.neck.gestures import movement
-from hypermask.neck.record import HEAD, SILENT_AFTER_S
+from hypermask.neck.record import HEAD
+from hypermask.neck.settings import NeckSettings
 from hypermask.neck.trajectory import Array, NeckLimits, Trajectory, through
 from hypermask.workers.board import KEPT, Board
 from hypermask.workers.retry import Kept, Report
@@ -26,22 +25,6 @@ from hypermask_drivers.pantilt import PanTilt, PanTiltState
 PERIOD_S = 0.05
 """How often `step` should be called: a unit at 9600 baud cannot follow much faster."""
 _LATE_S = 1.0
-
-
-class NeckSettings(Settings):
-    """pan_deg, tilt_deg: soft limits, inside the unit's. silence_s: without a word from the show,
-    or without a turn of its own, for so long the head halts; park_after_s later it goes to
-    park_deg (pan, tilt). lookahead_s: how far ahead of now the unit's targets are."""
-
-    pan_deg: tuple[float, float] = (-60.0, 60.0)
-    tilt_deg: tuple[float, float] = (-30.0, 25.0)
-    speed_deg_s: float = Field(90.0, gt=0, le=1000)
-    acceleration_deg_s2: float = Field(360.0, gt=0, le=100000)
-    silence_s: float = Field(SILENT_AFTER_S, gt=0.05, le=10)
-    park_after_s: float = Field(3.0, ge=0, le=3600)
-    park_deg: tuple[float, float] = (0.0, 0.0)
-    park_vigour: float = Field(0.3, gt=0, le=1)
-    lookahead_s: float = Field(0.15, gt=0, le=0.5)
 
 
 class PanTiltWorker:

@@ -20,9 +20,9 @@ from hypermask.workers.board import KEPT, Board
 from hypermask.workers.commands import Commands
 from hypermask.workers.control import ControlServer
 from hypermask.workers.devices import SideDevices
-from hypermask.workers.dresser import ORDERS
 from hypermask.workers.modes import HELD, Hold, ModeKeeper, Modes
 from hypermask.workers.modes import Mode as Mode
+from hypermask.workers.orders import ORDERS
 from hypermask.workers.retry import Kept, Report
 from hypermask_drivers.clock import Clock
 from hypermask_drivers.keypad import KeyEvent, Keypad

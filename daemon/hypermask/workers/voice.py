@@ -8,7 +8,8 @@ from collections import deque
 import numpy as np
 
 from hypermask.voice import speaker as speakers
-from hypermask.voice.follower import MouthFollower, MouthFrame, VoiceSettings
+from hypermask.voice.follower import MouthFollower, MouthFrame
+from hypermask.voice.settings import VoiceSettings
 from hypermask.voice.speaker import Speaker
 from hypermask.workers.board import KEPT, MOUTH, Board
 from hypermask.workers.lesson_ear import LessonEar
