@@ -33,6 +33,9 @@ def make_deb(folder: Path, version: str, content: str = "", script: str = "") ->
     etc = tree / "etc/hypermask.conf"
     etc.parent.mkdir()
     etc.write_text("as shipped\n", "utf-8")
+    again = tree / "usr/share/hypermask/as-shipped/etc/hypermask.conf"
+    again.parent.mkdir(parents=True)
+    shutil.copy(etc, again)
     control = tree / "DEBIAN"
     control.mkdir()
     (control / "conffiles").write_text("/etc/hypermask.conf\n", "utf-8")
@@ -141,6 +144,24 @@ def test_a_version_that_others_installed_is_packed_again(cart: Cart, tmp_path: P
     assert (cart.root / "usr/share/hypermask/python/link.py").readlink() == Path("line.py")
     assert (cart.root / "ran").exists()
     assert cart.dpkg.whole()
+
+
+@pytest.mark.parametrize("owners", ["mine\n", None])
+def test_what_was_packed_again_knows_the_owners_configuration(
+    cart: Cart, tmp_path: Path, owners: str | None
+) -> None:
+    """dpkg by hand asks nothing afterwards, and leaves the owner's file as it is, or away."""
+    subprocess.run(["dpkg", *cart.options, "-i", make_deb(tmp_path, "1.0")], check=True)
+    etc = cart.root / "etc/hypermask.conf"
+    etc.unlink() if owners is None else etc.write_text(owners, "utf-8")
+    two = make_deb(tmp_path, "2.0")
+    cart.install(two)
+    cart.rollback()
+    by_hand = subprocess.run(
+        ["dpkg", *cart.options, "-i", two], stdin=subprocess.DEVNULL, capture_output=True, text=True
+    )
+    assert by_hand.returncode == 0, by_hand.stdout
+    assert (etc.read_text("utf-8") if etc.exists() else None) == owners
 
 
 def test_changed_configuration_stays_through_upgrade_and_rollback(

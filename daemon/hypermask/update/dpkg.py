@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import subprocess
@@ -17,6 +18,8 @@ _QUIET = {"DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C.UTF-8"}
 # A changed configuration file is the owner's; a new one comes without a question.
 _FILES_STAY = ("--force-confdef", "--force-confold")
 _PROGRAM = ("/usr/bin/", "/usr/lib", "/usr/share/hypermask/")
+_AS_SHIPPED = "usr/share/hypermask/as-shipped"
+"""The configuration files again, for a package that has to be packed from what is installed."""
 _NOT_IN_A_PACKAGE = ("Status", "Conffiles", "Config-Version")
 
 
@@ -93,6 +96,7 @@ class Dpkg:
             tree.chmod(0o755)
             self._files(name, tree)
             self._control(name, tree / "DEBIAN")
+            self._configuration(name, tree)
             done = _run(
                 "dpkg-deb", "--root-owner-group", "-Zgzip", "-z1", "--build", str(tree), str(target)
             )
@@ -126,6 +130,23 @@ class Dpkg:
         stanza = self._query("-s", name)
         (folder / "control").write_text(_without(stanza, _NOT_IN_A_PACKAGE), "utf-8")
 
+    def _configuration(self, name: str, tree: Path) -> None:
+        """As shipped, not as the owner has made them: else dpkg would take the owner's for ours."""
+        root, listed = Path(self._query_root()), []
+        for line in self._query("-W", "-f=${Conffiles}", name).splitlines():
+            words = line.split()
+            if len(words) != 2:  # the last line, or one of a file that is no longer shipped
+                continue
+            inner, digest = words[0].lstrip("/"), words[1]
+            shipped = [root / inner, root / _AS_SHIPPED / inner]
+            source = next((path for path in shipped if _md5(path) == digest), None)
+            if source is not None:
+                (tree / inner).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(source, tree / inner)
+            if (tree / inner).exists():
+                listed.append(f"{words[0]}\n")
+        (tree / "DEBIAN" / "conffiles").write_text("".join(listed), "utf-8")
+
     def _query(self, *arguments: str) -> str:
         return _run("dpkg-query", *self._root, *arguments).stdout
 
@@ -135,6 +156,14 @@ class Dpkg:
 
 def newer(one: str, other: str) -> bool:
     return not _run("dpkg", "--compare-versions", one, "gt", other).returncode
+
+
+def _md5(path: Path) -> str:
+    """As dpkg writes it down; empty for a file that is not there."""
+    try:
+        return hashlib.md5(path.read_bytes(), usedforsecurity=False).hexdigest()
+    except FileNotFoundError:
+        return ""
 
 
 def _without(stanza: str, names: Sequence[str]) -> str:
