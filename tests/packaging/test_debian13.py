@@ -130,7 +130,6 @@ def files(debian: Debian, *arguments: str) -> set[str]:
 
 def test_lintian_has_no_errors(debian: Debian) -> None:
     said = debian.run("cd /root && lintian --fail-on none hypermask*[0-9]_all.deb", check=False)
-    debian.run("rm -rf /var/cache/man/cat*")  # lintian reads the manuals, and man keeps them
     assert not [line for line in said.splitlines() if line.startswith(("E:", "W:"))], said
 
 
