@@ -14,7 +14,7 @@ import pytest
 from conftest import ROOT, Record
 from stage_references import is_lit
 from theatre import BOOT_S
-from virtual_show import PLACE, VirtualShow
+from virtual_show import ASK_S, PLACE, VirtualShow
 
 from hypermask_sim.appliance.qemu import KEYPAD, PTU
 from hypermask_sim.appliance.watch import longest_freeze_s
@@ -126,7 +126,7 @@ def test_camera_hangs_in_the_kernel(show: VirtualShow, record: Record) -> None:
     show.dark()
     stacks = show.run(f"cat /proc/{victim.pid}/task/*/stack 2>/dev/null; true")
     record.log(f"where the tracker hangs:\n{stacks}\n")
-    show.until(lambda: show.worker("tracker").pid != victim.pid, 120, "the watchdog ends it", 1.0)
+    show.until(lambda: show.worker("tracker").pid != victim.pid, 120, "the watchdog ends it", ASK_S)
     show.run("systemctl stop cart-hang")
     show.working("tracker", not_pid=victim.pid)
     show.shows(PLACE, guest_s=120)
@@ -194,7 +194,7 @@ def test_upgrade(show: VirtualShow, record: Record, next_debs: list[Path]) -> No
     since = show.mark()
     show.press("enter")
     show.dark()
-    show.until(lambda: not update_status(show)["waits_for_idle"], 300, "the takeover", 3.0)
+    show.until(lambda: not update_status(show)["waits_for_idle"], 300, "the takeover", 2 * ASK_S)
     record.note(show.told("UPD-TAKEOVER", since))
     show.all_work()
     if not is_lit(show.picture()).any():  # a blackout may outlive the takeover

@@ -32,6 +32,8 @@ WORKERS = ("stage", "tracker", "voice", "pantilt", "show", "dresser")
 PLAYER_HZ = 15
 SWAY_S = 12.0
 """Slow enough for steps at the player's rate to look like a motion."""
+ASK_S = 2.0
+"""Between two questions to the guest; each costs its processors about a second."""
 WALL_FACTOR = 60
 """A guest second may take so many of the host's; only a machine that stands still is given up."""
 _QUICK: dict[str, Any] = {
@@ -232,7 +234,7 @@ class VirtualShow:
             worker = self.worker(name)
             return worker if worker.state == "active" and worker.pid not in (0, not_pid) else None
 
-        return self.until(runs, guest_s, f"{name} works")
+        return self.until(runs, guest_s, f"{name} works", ASK_S)
 
     def all_work(self, guest_s: float = 240) -> dict[str, Worker]:
         return {name: self.working(name, guest_s=guest_s) for name in WORKERS}
@@ -269,7 +271,7 @@ class VirtualShow:
                     return stamped[2]
             return None
 
-        return self.until(found, guest_s, f"the message {code}", 1.0)
+        return self.until(found, guest_s, f"the message {code}", ASK_S)
 
     def leaks(self) -> dict[str, float]:
         """What must not grow: open files and memory of each worker, files in /run, zombies."""

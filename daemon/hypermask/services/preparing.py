@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hypermask import paths
 from hypermask.calibration import storage
 from hypermask.calibration.parameters import ProCam
-from hypermask.errors import HypermaskError
+from hypermask.errors import ConfigError, DataError, HypermaskError
 from hypermask.face.character import find_character, load_character
 from hypermask.face.face import Face
 from hypermask.machine.devices import device_settings
@@ -70,13 +70,9 @@ class Preparing:
     def _sew(self, name: str) -> bool:
         """Make a character's costume where there is none; one that cannot be read is left out."""
         try:
-            if self._store.find(name) is not None:
-                return False
-            costume = self._store.make(name, self._rig.mask)
-        except HypermaskError:
+            return self._store.sew(name, self._rig.mask)
+        except (DataError, ConfigError):
             return False  # the stage says it
-        self._store.keep(name, costume)
-        return True
 
     def _states(self, show: ShowFile) -> list[list[Any]]:
         """Of all that the overture is made from."""

@@ -64,6 +64,16 @@ class Costumes:
             os.utime(path)
         return found
 
+    def sew(self, name: str, mask: Mask) -> bool:
+        """Make and keep a character's costume where there is none; whether there was none.
+
+        Raises `DataError` CHAR-*, `HypermaskError` DISK-WRITE.
+        """
+        if self.find(name) is not None:
+            return False
+        self.keep(name, self.make(name, mask))
+        return True
+
     def make(self, name: str, mask: Mask) -> Costume:
         """Make a character's costume. Raises `DataError` CHAR-*."""
         return self.of_face(Face(load_character(find_character(name)), mask))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,6 +56,8 @@ def _lines(data: Any, height: int, stride: int, length: int) -> Grey | None:
 
 
 def _jpeg(data: Any, width: int, height: int) -> Grey | None:
+    import cv2  # not above: every process reads this driver's settings
+
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     except cv2.error:

@@ -84,6 +84,8 @@ def build(folder: Path, debs: Sequence[Path] = ()) -> Image:
     _run("cp", "-a", "--reflink=auto", str(base.resolve()), str(root))
     _install(root, debs)
     _furnish(root)
+    if debs:
+        _prepare(root)
     for name, target in (("vmlinuz", image.kernel), ("initrd.img", image.initrd)):
         shutil.copyfile(_boot(root, name), target)
     image.disk.unlink(missing_ok=True)
@@ -147,6 +149,18 @@ def _install(root: Path, debs: Sequence[Path]) -> None:
     names = [f"/var/cache/cart/{deb.name}" for deb in debs]
     _run("chroot", str(root), "env", "DEBIAN_FRONTEND=noninteractive", "dpkg", "-i", *names)
     shutil.rmtree(shelf)
+
+
+def _prepare(root: Path) -> None:
+    """It has played before: its first show's textures would keep an emulated processor busy for
+    minutes."""
+    as_service = (
+        "setpriv", "--reuid=hypermask", "--regid=hypermask", "--init-groups",
+        "env", "HYPERMASK_HOME=/var/lib/hypermask",
+    )  # fmt: skip
+    rights = ("-m", "1770", "-o", "root", "-g", "hypermask")  # as debian/hypermask.tmpfiles has it
+    _run("chroot", str(root), "install", "-d", *rights, "/var/lib/hypermask")
+    _run("chroot", str(root), *as_service, "hypermask", "face", "prepare")
 
 
 def _boot(root: Path, name: str) -> Path:
