@@ -24,7 +24,8 @@ FADE_S = 3.0
 """From the first light to a face that is judged right; what is seen longer before is no face."""
 ELSEWHERE = Place(1.7, right_m=0.12, up_m=-0.06, roll=12, pitch=5, yaw=20)
 FAULTS = 20
-SEED = 5
+AT_A_TIME = 3
+SEED = 3
 
 
 def test_cold_boot(theatre: Theatre, record: Record) -> None:
@@ -139,13 +140,14 @@ def test_workers_killed_and_stopped(show: VirtualShow, record: Record) -> None:
     assert after["zombies"] <= before["zombies"]
     assert after["files in /run"] <= before["files in /run"] + 4
     for name in WORKERS:
-        assert after[f"fds {name}"] <= before[f"fds {name}"] + 2, name
+        # A start that was prepared opens some of the blackboard twice.
+        assert after[f"fds {name}"] <= before[f"fds {name}"] + 5, name
         assert after[f"kB {name}"] <= before[f"kB {name}"] * 1.25 + 8192, name
 
 
 def _faults() -> list[list[tuple[str, str]]]:
-    """Every worker by both signals, then some again, in random order: two workers at a time, but
-    the stage alone, for while it is away the picture stands."""
+    """Every worker by both signals, then some again, in random order: up to three workers at a
+    time, but the stage alone, for while it is away the picture stands."""
     choice = random.Random(SEED)
     all_of_them = [(name, signal) for name in WORKERS for signal in ("KILL", "STOP")]
     order = [*all_of_them, *choice.sample(all_of_them, FAULTS - len(all_of_them))]
@@ -153,10 +155,12 @@ def _faults() -> list[list[tuple[str, str]]]:
     rounds = [[fault] for fault in order if fault[0] == "stage"]
     others = [fault for fault in order if fault[0] != "stage"]
     while others:
-        first = others.pop(0)
-        second = next((fault for fault in others if fault[0] != first[0]), None)
-        if second is not None:
-            others.remove(second)
-        rounds.append([first] if second is None else [first, second])
+        group: dict[str, tuple[str, str]] = {}
+        for fault in others:
+            if len(group) < AT_A_TIME:
+                group.setdefault(fault[0], fault)
+        for fault in group.values():
+            others.remove(fault)
+        rounds.append(list(group.values()))
     choice.shuffle(rounds)
     return rounds

@@ -37,7 +37,7 @@ ASK_S = 2.0
 WALL_FACTOR = 60
 """A guest second may take so many of the host's; only a machine that stands still is given up."""
 _QUICK: dict[str, Any] = {
-    "kernel_arguments": ("init=/usr/local/lib/cart/quick",), "slowness": 1.0
+    "kernel_arguments": ("init=/usr/local/lib/cart/quick",), "slowness": 1.0, "nice": 10
 }  # fmt: skip
 NO_LIGHT = 0.0005
 """Share of lit pixels up to which the picture is dark."""

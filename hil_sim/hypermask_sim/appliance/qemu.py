@@ -29,8 +29,9 @@ from hypermask_sim.appliance.guest import PORT_NAME
 from hypermask_sim.appliance.image import Image
 
 _KERNEL_LINE = (
+    # Without mitigations: each system call would flush the emulated TLB, and nothing is guarded.
     "root=/dev/vda rw console=ttyS0 quiet loglevel=3 systemd.show_status=false"
-    " vt.global_cursor_default=0"
+    " vt.global_cursor_default=0 mitigations=off"
 )
 _SOCKETS = ("agent.sock", "qmp.sock", "watch.sock")
 _USB = "usb"
@@ -54,6 +55,7 @@ class Machine:
 
     slowness: the host's seconds in one of the guest's. An emulated processor is slow; by a clock
     that is slower still it is fast enough for a show, and no time limit needs another value.
+    nice: how much it gives way to others on the host.
     """
 
     image: Image
@@ -61,6 +63,7 @@ class Machine:
     source: Path
     memory_mb: int = 2048
     slowness: float = 8.0
+    nice: int = 0
     screen: tuple[int, int] = (1280, 800)
     disk: Path | None = None
     ptu: Path | None = None
@@ -76,7 +79,7 @@ class Machine:
             else f"file={self.image.disk},format=raw,snapshot=on"
         )
         return [
-            "qemu-system-x86_64",
+            *(("nice", "-n", str(self.nice)) if self.nice else ()), "qemu-system-x86_64",
             "-machine", "q35", "-accel", "tcg,thread=multi", "-cpu", "Nehalem",
             "-smp", str(os.cpu_count() or 1), "-m", str(self.memory_mb), "-rtc", "clock=vm",
             "-kernel", str(self.image.kernel), "-initrd", str(self.image.initrd),

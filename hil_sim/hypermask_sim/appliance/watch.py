@@ -65,7 +65,7 @@ class Watcher:
     monitor: Monitor
     folder: Path
     glances: list[Glance] = field(default_factory=list)
-    pause_s: float = 0.2
+    pause_s: float = 0.4
 
     def __post_init__(self) -> None:
         self.clock = GuestClock(self.monitor)
