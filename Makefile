@@ -48,7 +48,7 @@ appliance: $(READY) deb ## build the virtual cart's disk with the packages in it
 appliance-test: appliance ## boot a Debian in QEMU and try the whole show in it from outside (as root)
 	rm -rf build/appliance-report
 	@echo "The report grows step by step: build/appliance-report/index.html"
-	$(BIN)/pytest -m appliance -n 2 --dist loadfile --no-loadscope-reorder tests/appliance
+	$(BIN)/pytest -m appliance -n 2 --dist loadfile tests/appliance
 
 deb: $(MODELS) ## build the Debian packages into build/deb
 	bash .ci/deb

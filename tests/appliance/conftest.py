@@ -12,6 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from theatre import Theatre
 from virtual_show import VirtualShow
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 from hypermask_sim.appliance.image import Image, build
 from hypermask_sim.appliance.report import Part, Step
@@ -21,7 +23,8 @@ FOLDER = ROOT / "build/appliance-report"
 DEBS = ROOT / "build/deb"
 NEXT_DEBS = ROOT / "build/appliance/next"
 TOOLS = ("qemu-system-x86_64", "qemu-img", "mmdebstrap", "mkfs.ext4", "dpkg-deb")
-LONGEST_FIRST = ("test_faults_in_qemu", "test_show_in_qemu", "test_power_cuts_in_qemu")
+BREAKS = ("test_faults_in_qemu", "test_video_in_qemu")
+"""These files one after the other, the rest beside them: both rows take about the same time."""
 _PARTS = pytest.StashKey[dict[str, Part]]()
 _PART = pytest.StashKey[Part]()
 _STEP = pytest.StashKey[Step]()
@@ -33,15 +36,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         why = "building the disk needs root"
     elif missing := [tool for tool in TOOLS if shutil.which(tool) is None]:
         why = f"needs {', '.join(missing)}"
-    # Two machines at a time: the short ones fill the gaps at the end.
-    items.sort(key=lambda item: _rank(Path(item.path).stem))
     for item in items:
         if why and item.get_closest_marker("appliance"):
             item.add_marker(pytest.mark.skip(reason=why))
 
 
-def _rank(name: str) -> int:
-    return LONGEST_FIRST.index(name) if name in LONGEST_FIRST else len(LONGEST_FIRST)
+class TwoRows(LoadScopeScheduling):
+    """A machine for each processor."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return "breaks" if Path(nodeid.split("::")[0]).stem in BREAKS else "plays"
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> TwoRows:
+    return TwoRows(config, log)
 
 
 @pytest.hookimpl(wrapper=True)

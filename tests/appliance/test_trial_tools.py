@@ -102,6 +102,23 @@ def test_the_report_gathers_what_several_processes_tell(tmp_path: Path) -> None:
     assert (tmp_path / "pictures/show-test_boot-0.png").exists()
 
 
+def test_whoever_reads_a_part_while_it_is_written_reads_all_of_the_one_before(
+    tmp_path: Path,
+) -> None:
+    part = Part(tmp_path, "show")
+    part.begin("test_boot", "Cold boot")
+    part.write()
+    names = ("part-show.json", "report.json", "index.html")
+    readers = [(tmp_path / name).open() for name in names]
+    whole = [(tmp_path / name).read_text() for name in names]
+    part.begin("test_pose", "Pose")
+    part.write()
+    for reader, text in zip(readers, whole, strict=True):
+        with reader:
+            assert reader.read() == text
+    assert "test_pose" in (tmp_path / "report.json").read_text()
+
+
 def test_another_package_is_another_base() -> None:
     assert recipe(("a", "b")) == recipe(("b", "a")) != recipe(("a",))
     assert needed_by(()) == []

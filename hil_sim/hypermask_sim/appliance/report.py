@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import html
 import json
+import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -63,7 +64,7 @@ class Part:
 
     def write(self) -> None:
         path = self._folder / f"part-{self._name}.json"
-        path.write_text(json.dumps([asdict(step) for step in self.steps], indent=1), "utf-8")
+        _put(path, json.dumps([asdict(step) for step in self.steps], indent=1))
         gather(self._folder)
 
 
@@ -81,9 +82,16 @@ def gather(folder: Path) -> list[Step]:
         "seconds": round(sum(step.seconds for step in steps), 1),
         "steps": [asdict(step) for step in steps],
     }
-    (folder / "report.json").write_text(json.dumps(summary, indent=1), "utf-8")
-    (folder / "index.html").write_text(_page(steps), "utf-8")
+    _put(folder / "report.json", json.dumps(summary, indent=1))
+    _put(folder / "index.html", _page(steps))
     return steps
+
+
+def _put(path: Path, text: str) -> None:
+    """At once: other processes read it and write the same."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    part.write_text(text, "utf-8")
+    part.replace(path)
 
 
 def _page(steps: list[Step]) -> str:
