@@ -57,6 +57,8 @@ def correct(estimate: Record, pose: Pose, measured: Array) -> tuple[Array, Array
     Returns the innovation (6,) and the variances (6,) that were predicted for it without the
     measurement's own.
     """
+    import cv2  # not above: who only reads predictions starts without it
+
     covariance = estimate["covariance"]
     n = estimate["state"].shape[1]
     innovation = np.concatenate(
@@ -69,8 +71,6 @@ def correct(estimate: Record, pose: Pose, measured: Array) -> tuple[Array, Array
     prior = rows[:, ::n]
     if measured[0, 0] + measured[1, 1] + measured[2, 2] > _VAGUE_RAD**2:
         measured, innovation = _tempered(measured, innovation, prior)
-    import cv2  # not above: who only reads predictions starts without it
-
     # cv2.solve takes a quarter of numpy's time for so small a system.
     gain = cv2.solve(prior + measured, rows, flags=cv2.DECOMP_CHOLESKY)[1].T
     posterior = covariance - gain @ rows
