@@ -80,9 +80,9 @@ class Mask:
 
     def height(self, x: ArrayLike, y: ArrayLike) -> Array:
         """z of the surface in metres at (x, y) metres, bilinear; the border goes on outwards."""
-        xs, ys = np.broadcast_arrays(np.asarray(x, np.float32), np.asarray(y, np.float32))
         import cv2  # not above: half of a process's start, and most processes never need it
 
+        xs, ys = np.broadcast_arrays(np.asarray(x, np.float32), np.asarray(y, np.float32))
         half_width, half_height = self.half_size_m
         spacing = self.settings.relief.spacing_m
         # remap takes no map with a side of 32767 or more.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hypermask import paths
+from hypermask import paths, storage
+from hypermask.errors import HypermaskError
 from hypermask.geometry import FACING, Pose, rotation_from_vector
 from hypermask.machine import files
 from hypermask.machine.toml import dumps
@@ -23,7 +25,7 @@ from hypermask.show.showfile import load_show
 from hypermask.tracking.motion import MotionFilter, predict
 from hypermask.workers.board import TRACK, Board
 from hypermask.workers.health import Health
-from hypermask_drivers.clock import RealClock
+from hypermask_drivers.clock import RealClock, VirtualClock
 from hypermask_drivers.projector import Projector
 
 SMALL = {"driver": "offscreen", "width": 320, "height": 180}
@@ -250,6 +252,35 @@ def test_costumes_that_are_missing_are_made_again(cart: Cart) -> None:
         costume.unlink()
     cart.prepare()
     assert {costume.name for costume in costumes.iterdir()} == before
+
+
+def test_a_full_disk_is_tried_less_and_less_often_until_it_has_room(
+    cart: Cart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    costumes = paths.home() / "cache" / "costumes"
+    shutil.rmtree(costumes)
+    rig, clock, tried = cart.rig(), VirtualClock(), []
+
+    def full(path: Path, data: bytes) -> None:
+        tried.append(clock.now())
+        raise HypermaskError("DISK-WRITE", "the disk is full", "Free some space.")
+
+    rig.clock = clock
+    preparing = Preparing(rig)
+    with monkeypatch.context() as patch:
+        patch.setattr(storage, "write_atomically", full)
+        for _ in range(300):
+            assert not preparing.step()
+            clock.sleep_until(clock.now() + 1.0)
+    assert tried == [0, 5, 15, 35, 75, 155, 235]
+    assert cart.told.count("DISK-WRITE") == 1
+    clock.sleep_until(clock.now() + 80.0)
+    while preparing.step():
+        pass
+    assert len(list(costumes.iterdir())) == 5
+    shutil.rmtree(costumes)
+    clock.sleep_until(clock.now() + 5.0)
+    assert preparing.step()
 
 
 def test_a_machine_of_which_none_can_be_prepared_has_none(tmp_path: Path, cart: Cart) -> None:

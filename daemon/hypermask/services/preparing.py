@@ -27,6 +27,8 @@ from hypermask.workers.costumes import MODEL, Costumes
 from hypermask.workers.retry import Report
 
 LOOK_S = 5.0
+LONGEST_S = 80.0
+"""Between two attempts while the disk is full: each sews a costume for nothing."""
 
 
 class Preparing:
@@ -38,6 +40,7 @@ class Preparing:
         self._inputs: list[list[Any]] | None = None
         self._steps = iter(())
         self._next_s = -np.inf
+        self._pause_s = LOOK_S
         self._complained = False
 
     def step(self) -> bool:
@@ -51,7 +54,8 @@ class Preparing:
             if not self._complained:
                 self._rig.report(now_s, error.code, str(error))
             self._complained = True
-            self._next_s, self._inputs = now_s + LOOK_S, None
+            self._next_s, self._inputs = now_s + self._pause_s, None
+            self._pause_s = min(2 * self._pause_s, LONGEST_S)
             return False
 
     def _step(self, now_s: float) -> bool:
@@ -62,7 +66,7 @@ class Preparing:
         inputs = self._states(show)
         if inputs != self._inputs:
             self._write(show, inputs)
-            self._inputs, self._complained = inputs, False
+            self._inputs, self._complained, self._pause_s = inputs, False, LOOK_S
             return True
         self._next_s = now_s + LOOK_S
         return False
