@@ -56,15 +56,19 @@ class LocalTopic:
 class SharedTopic:
     """A topic in a memory-mapped file; one writer process, any number of readers.
 
-    Raises `HypermaskError` BOARD-LAYOUT when the file was made by another version of the program,
-    DISK-WRITE when there is no room for it.
+    mode: of the file where it is made. Raises `HypermaskError` BOARD-LAYOUT when the file was made
+    by another version of the program, BOARD-RIGHTS, DISK-WRITE when there is no room for it.
     """
 
-    def __init__(self, path: Path, dtype: np.dtype[np.void]) -> None:
+    def __init__(self, path: Path, dtype: np.dtype[np.void], mode: int = 0o640) -> None:
         self._dtype = dtype
         size = _HEADER.itemsize + dtype.itemsize
         try:
-            self._map = _mapped(path, size)
+            self._map = _mapped(path, size, mode)
+        except PermissionError as error:
+            raise HypermaskError(
+                "BOARD-RIGHTS", f"{path} may not be written", "Become root (sudo)."
+            ) from error
         except OSError as error:
             raise HypermaskError(
                 "DISK-WRITE",
@@ -164,11 +168,11 @@ def _other_version(path: Path) -> HypermaskError:
     )
 
 
-def _mapped(path: Path, size: int) -> mmap.mmap:
+def _mapped(path: Path, size: int, mode: int) -> mmap.mmap:
     """A file of at least `size` bytes in memory. Its pages are there: on a full disk, writing to
     one that is not would kill the process (SIGBUS)."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
     try:
         os.posix_fallocate(descriptor, 0, size)
         return mmap.mmap(descriptor, size)

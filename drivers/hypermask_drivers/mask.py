@@ -106,6 +106,15 @@ class Mask:
 
 def load_mask(folder: Path) -> Mask:
     """Raises `ConfigError` (CFG-*, MASK-LEDS, MASK-RELIEF)."""
+    settings = load_mask_settings(folder)
+    leds = np.array([settings.leds[name].position_m for name in LED_NAMES])
+    normals = np.array([settings.leds[name].normal for name in LED_NAMES])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Mask(settings, leds, normals, _load_relief(folder / settings.relief.file, settings))
+
+
+def load_mask_settings(folder: Path) -> MaskSettings:
+    """A mask without its relief, at once. Raises `ConfigError` (CFG-*, MASK-LEDS)."""
     settings = load(MaskSettings, folder / "mask.toml")
     if set(settings.leds) != set(LED_NAMES):
         raise ConfigError(
@@ -113,10 +122,7 @@ def load_mask(folder: Path) -> Mask:
             f"{folder / 'mask.toml'} names the LEDs {sorted(settings.leds)}",
             f"Name exactly {', '.join(LED_NAMES)}.",
         )
-    leds = np.array([settings.leds[name].position_m for name in LED_NAMES])
-    normals = np.array([settings.leds[name].normal for name in LED_NAMES])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mask(settings, leds, normals, _load_relief(folder / settings.relief.file, settings))
+    return settings
 
 
 def _load_relief(path: Path, settings: MaskSettings) -> NDArray[np.float32]:

@@ -30,7 +30,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError("CFG-ABSENT", f"there is no file {path}", "Check the path.") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError("CFG-READ", f"cannot read {path}: {error}", "Check the file.") from error
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also numbers and nests beyond all measure
         raise ConfigError(
             "CFG-SYNTAX", f"{path} is not valid TOML: {error}", "Mend the line it names."
         ) from error
@@ -82,7 +82,7 @@ def override(data: dict[str, Any], assignments: list[str]) -> dict[str, Any]:
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
 
 

@@ -18,8 +18,9 @@ from hypermask.config import read_toml
 from hypermask.face.life import Life
 from hypermask.geometry import Pose
 from hypermask.machine.files import packaged_path, validated
+from hypermask.machine.places import mask_folder
 from hypermask.machine.settings import MachineSettings
-from hypermask.services.rig import mask_folder, nominal_projector
+from hypermask.services.rig import nominal_projector
 from hypermask.show.expressions import expressions_of
 from hypermask.show.showfile import load_show
 from hypermask.stage.renderer import StageRenderer

@@ -1,5 +1,7 @@
 """One writer, many readers, never a torn record, in plain files that outlive a process."""
 
+import os
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 
 from hypermask.blackboard import LocalTopic, SharedTopic
 from hypermask.errors import HypermaskError
+from hypermask.workers.board import LAYOUTS, Board
 
 PAIR = np.dtype([("count", "<u8"), ("same", "<u8", (512,))])
 
@@ -79,3 +82,31 @@ def test_another_versions_file_is_refused(tmp_path: Path) -> None:
     SharedTopic(tmp_path / "t", PAIR)
     with pytest.raises(HypermaskError, match="BOARD-LAYOUT"):
         SharedTopic(tmp_path / "t", np.dtype([("count", "<u8"), ("same", "<f8", (512,))]))
+
+
+def test_a_lesson_needs_no_right_to_anything_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = os.umask(0o007)  # as systemd/*.service have it
+    try:
+        Board.shared(tmp_path)
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "lesson").stat().st_mode) & 0o020
+    assert not stat.S_IMODE((tmp_path / "track").stat().st_mode) & 0o022
+    opens = os.open
+
+    def refused(path: Path, flags: int, *mode: int) -> int:
+        if flags & os.O_RDWR and Path(path).name != "lesson":
+            raise PermissionError(13, "Permission denied")
+        return opens(path, flags, *mode)
+
+    monkeypatch.setattr(os, "open", refused)
+    board = Board.reading(tmp_path, but="lesson")
+    board.lesson.publish(np.zeros((), LAYOUTS["lesson"]))
+    assert board.lesson.latest() is not None
+    with pytest.raises(TypeError):
+        board.mouth.publish(np.zeros((), LAYOUTS["mouth"]))
+    with pytest.raises(HypermaskError) as caught:
+        Board.shared(tmp_path)
+    assert caught.value.code == "BOARD-RIGHTS"

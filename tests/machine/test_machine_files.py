@@ -3,6 +3,8 @@ is ever used."""
 
 from __future__ import annotations
 
+import os
+import shutil
 import stat
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from hypermask.errors import ConfigError, HypermaskError
 from hypermask.machine import files
 from hypermask.machine.devices import device_settings, make_device
 from hypermask.machine.settings import MachineSettings
+from hypermask.services.playbill import playable_show
 from hypermask_drivers.camera.v4l2 import V4l2Camera, V4l2Settings
 from hypermask_drivers.clock import VirtualClock
 
@@ -100,6 +103,12 @@ def test_hidden_files_of_editors_are_no_layer() -> None:
         ("[workers.tracker]\npriority = 99", "CFG-VALUE"),
         ("version = 2", "CFG-VALUE"),
         ('[sound]\ndriver = "alsa"\ndevice = "hw:1"', "CFG-VALUE"),
+        ('mask = "nobody"', "MASK-ABSENT"),
+        (f'mask = "{"a" * 300}"', "MASK-ABSENT"),
+        (f'machine = "{"a" * 300}"', "CFG-MACHINE"),
+        ('machine = "sim"\nscenario = "opera"', "CFG-ABSENT"),
+        (f"name = {'[' * 3000}", "CFG-SYNTAX"),
+        (f"[camera]\nwidth = {'1' * 5000}", "CFG-SYNTAX"),
     ],
 )
 def test_each_mistake_is_found_before_it_is_used(text: str, code: str) -> None:
@@ -189,7 +198,11 @@ def test_a_value_is_set_in_a_file_of_its_own() -> None:
 def test_what_would_break_the_configuration_is_not_set() -> None:
     files.set_value("stage.brightness_limit=0.5")
     before = (files.etc() / files.SET_FILE).read_bytes()
-    for wrong in ("stage.brightness_limit=5", "stage.brigtness_limit=1", "camera.x=1", "nothing"):
+    wrongs = (
+        "stage.brightness_limit=5", "stage.brigtness_limit=1", "camera.x=1", "nothing",
+        "mask=nobody", f"camera.width={'1' * 5000}", f"name={'[' * 3000}", "machine=boat",
+    )  # fmt: skip
+    for wrong in wrongs:
         with pytest.raises(ConfigError):
             files.set_value(wrong)
     assert (files.etc() / files.SET_FILE).read_bytes() == before
@@ -232,6 +245,48 @@ def test_config_check_looks_at_the_show_too() -> None:
     write("50.toml", 'show = "operetta"')
     result = run(app, ["config", "check", "--json"])
     assert result.exit_code == 1 and "SHOW-NAME" in result.output
+
+
+def test_config_check_looks_into_the_mask_too(tmp_path: Path) -> None:
+    shutil.copytree(paths.configs() / "masks" / "reference", tmp_path / "mask")
+    write("50.toml", f'mask = "{tmp_path / "mask"}"')
+    assert run(app, ["config", "check"]).exit_code == 0
+    (tmp_path / "mask" / "relief.png").write_bytes(b"")
+    result = run(app, ["config", "check"])
+    assert result.exit_code == 1 and "MASK-RELIEF" in result.output
+
+
+@pytest.mark.parametrize("name", ["operetta", "a" * 300, "/nowhere/operetta.toml"])
+def test_a_show_that_cannot_play_is_not_set(name: str) -> None:
+    result = run(app, ["config", "set", f"show={name}"])
+    assert result.exit_code == 2 and "SHOW-NAME" in result.output
+    assert not (files.etc() / files.SET_FILE).exists()
+
+
+def test_a_place_that_no_service_sees_is_said_to_be_one() -> None:
+    result = run(app, ["config", "set", "show=/home/anna/show.toml"])
+    assert "/var/lib/hypermask" in result.output
+
+
+def test_a_folder_that_may_not_be_entered_holds_no_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    stat_of = Path.stat
+
+    def refused(path: Path, **options: bool) -> os.stat_result:
+        if path.is_relative_to("/home/anna"):
+            raise PermissionError(13, "Permission denied")
+        return stat_of(path, **options)
+
+    monkeypatch.setattr(Path, "stat", refused)
+    monkeypatch.setattr(Path, "is_file", lambda path: stat.S_ISREG(path.stat().st_mode))
+    told: list[str] = []
+    playable_show("/home/anna/show.toml", lambda time_s, code, text: told.append(code), 0.0)
+    assert told == ["SHOW-FALLBACK"]
+
+
+def test_a_name_is_printed_as_it_is() -> None:
+    write("50.toml", 'name = "Cart [/A] :smile:"')
+    result = run(app, ["config", "check"])
+    assert result.exit_code == 0 and "Cart [/A] :smile:" in result.output
 
 
 def test_config_show_prints_what_can_be_read_again() -> None:

@@ -70,6 +70,7 @@ def test_a_photograph_joins_the_running_show(
     show, environment = running
     bad = build(Path(__file__), environment)
     assert (bad.returncode, bad.stderr[:13]) == (1, "PHOTO-FORMAT:")
+    assert __file__ in bad.stderr
     good = build(sorted(FACES.glob("*.jpg"))[5], environment)
     assert good.returncode == 0, good.stderr
     told = subprocess.run(

@@ -9,6 +9,7 @@ import pytest
 
 from hypermask import paths
 from hypermask.bench.runs import scenario
+from hypermask.machine.places import mask_folder
 from hypermask.machine.settings import MachineSettings
 from hypermask.mask import load_mask
 from hypermask.rehearsal.cart import SimulatedCart, true_screen
@@ -16,7 +17,7 @@ from hypermask.rehearsal.head import swings
 from hypermask.rehearsal.lockstep import LockStep
 from hypermask.rehearsal.run import play
 from hypermask.rehearsal.show_parts import casting_of
-from hypermask.services.rig import mask_folder, nominal_screen
+from hypermask.services.rig import nominal_screen
 from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.settings import load
 from hypermask_sim.audience_robot import audience_of

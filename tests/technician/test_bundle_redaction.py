@@ -23,7 +23,7 @@ SECRETS = (
     "anna.smith@example.org", "192.168.17.44", "fe80::1c2d:3eff:fe4f:5a6b", "2001:db8:85a3::8a2e",
     "b8:27:eb:12:34:56", "WXYZ-SN-00417", "0000000012ab34cd", "theatre-kyoto-7",
     "4f1c9a7e2b6d4c0e9f8a7b6c5d4e3f2a", "annasmith", "anna-as-queen", "Anna Smith",
-    "1b4e28ba-2fa1-11d2-883f-0016d3cca427",
+    "1b4e28ba-2fa1-11d2-883f-0016d3cca427", "other-theatre.example",
 )  # fmt: skip
 """What is planted everywhere; none of it may come out."""
 
@@ -47,6 +47,7 @@ def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     _photographs(home, run)
     (etc / "machine.toml").write_text(
         '# wifi password: hunter2-correct-horse\nmachine = "sim"\nname = "GrandTheatreBackstage"\n'
+        '[stream.send]\nhost = "other-theatre.example"\n'
     )
     events = run / "events"
     events.mkdir(exist_ok=True)

@@ -101,6 +101,26 @@ def test_a_show_that_somebody_stopped_is_not_started(monkeypatch: pytest.MonkeyP
     assert systemd.asked == []
 
 
+def test_what_failed_before_the_show_was_stopped_is_not_started(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    systemd = Systemd(stage="failed")
+    systemd.states[TARGET] = "inactive"
+    assert refused(checks_appliance.restart_failed, systemd).code == "DOC-FIX"
+    assert systemd.asked == []
+
+
+def test_a_safe_state_that_failed_does_not_end_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    systemd = Systemd(safe="failed", voice="failed")
+    checks_appliance.restart_failed(systemd)
+    safe, voice = "hypermask-safe.service", "hypermask-voice.service"
+    assert ["restart", voice] in systemd.asked
+    assert {safe, voice} == set(systemd.asked[0][1:]) and systemd.asked[0][0] == "reset-failed"
+    assert not any(safe in asked for asked in systemd.asked[1:])
+
+
 def test_the_safe_state_is_named() -> None:
     assert refused(checks_appliance.services, Systemd(safe="active")).code == "DOC-SAFE"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,15 @@ def test_common_words_of_this_machine_do_not_take_texts_apart() -> None:
     assert clean("hypermask on a cart called BOX7, not box77") == (
         "hypermask on a cart called [host], not box77"
     )
+
+
+def test_the_shortest_name_is_a_name() -> None:
+    clean = Redactor({"Jo": "[character-1]", "Al": "[voice-1]"})
+    assert clean("Jo and Al: jo, al and Jones") == "[character-1] and [voice-1]: jo, al and Jones"
+
+
+def test_what_is_no_number_is_none_in_json() -> None:
+    assert Redactor().json({"a": [float("inf"), 1.5]}) == json.dumps({"a": [None, 1.5]}, indent=1)
 
 
 def test_the_values_are_found_on_the_machine(tmp_path: Path) -> None:

@@ -4,6 +4,9 @@ wrong, the exit code, --json, never a traceback."""
 from __future__ import annotations
 
 import json
+import os
+import socket
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +15,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from hypermask.cli.main import app
+from hypermask import paths
+from hypermask.cli.main import app, main
 from hypermask.show.engine import ShowEngine
 from hypermask.show.showfile import load_show
 from hypermask.technician import screen
@@ -109,6 +113,55 @@ def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: str, status
     assert line.startswith(f"{code}: ") and result.stdout == ""
     told: Any = json.loads(hypermask(*arguments, "--json").stdout)
     assert told["error"]["code"] == code
+
+
+@pytest.mark.parametrize(
+    "arguments", [("light", "bright"), ("dance",), ("cue", "--now"), ("face", "build")]
+)
+def test_wrong_usage_is_json_where_json_is_asked_for(
+    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["hypermask", *arguments, "--json"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert json.loads(capsys.readouterr().out)["error"]["code"] == "USAGE"
+
+
+def test_json_has_the_exit_codes_of_words(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for arguments, code in ((("status",), 1), (("config", "show"), 0)):
+        monkeypatch.setattr(sys, "argv", ["hypermask", *arguments, "--json"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == code
+        json.loads(capsys.readouterr().out)
+
+
+def test_a_show_that_somebody_may_not_ask_is_not_called_absent(
+    machine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another's folder: as /run/hypermask for who is not in the group."""
+    monkeypatch.delenv("HYPERMASK_RUN")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(machine))
+    monkeypatch.setattr(paths, "APPLIANCE_RUN", machine / "run")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    stat_of = Path.stat
+
+    def refused(path: Path, **options: bool) -> os.stat_result:
+        if path.parent.is_relative_to(machine / "run"):
+            raise PermissionError(13, "Permission denied")
+        return stat_of(path, **options)
+
+    monkeypatch.setattr(Path, "stat", refused)
+    assert hypermask("status").stderr.startswith("BOARD-RIGHTS: ")
+    server = ControlServer(machine / "run" / "control.sock")
+    monkeypatch.setattr(
+        socket.socket, "connect", lambda *where: (_ for _ in ()).throw(PermissionError(13, "no"))
+    )
+    assert hypermask("cue", "wink").stderr.startswith("CTL-RIGHTS: ")
+    server.close()
 
 
 @pytest.mark.parametrize("arguments", JSON_COMMANDS)

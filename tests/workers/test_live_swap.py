@@ -120,6 +120,17 @@ def test_orders_are_taken_in_turn_and_answered(tmp_path: Path) -> None:
     assert found is not None and found[0] == second
 
 
+def test_a_photograph_goes_with_its_order_and_away_with_it(tmp_path: Path) -> None:
+    """The dresser sees nothing of the technician's folders."""
+    order = orders.Order(name="guest", source="me.jpg")
+    number = orders.place(tmp_path, order, b"a picture")
+    found = orders.oldest(tmp_path)
+    assert found is not None
+    assert Path(str(found[1].photo)).read_bytes() == b"a picture" and found[1].source == "me.jpg"
+    orders.answer(tmp_path, number, {"name": "guest"})
+    assert [path.suffix for path in tmp_path.iterdir()] == [".done"]
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"photo": 3}', '{"name": "a", "age": 3}'])
 def test_an_order_that_cannot_be_read_is_answered_and_left_out(tmp_path: Path, text: str) -> None:
     (tmp_path / "0-x.json").write_text(text)

@@ -57,6 +57,17 @@ def test_a_mask_that_is_not_seen(board: Board, tmp_path: Path) -> None:
     }
 
 
+def test_a_mask_that_was_never_seen(board: Board, tmp_path: Path) -> None:
+    track = board.track.latest()
+    assert track is not None
+    track["locked"], track["seen_s"] = False, -np.inf
+    board.track.publish(track)
+    status = look(tmp_path, NOW)
+    assert lines(status) == {"tracker": "the mask has not been seen yet; 0 frames, 0 dropped"}
+    (tracker,) = [line for line in status.lines if line.name == "tracker"]
+    assert tracker.figures["unseen_s"] is None
+
+
 def test_workers_that_have_stopped_are_named(board: Board, tmp_path: Path) -> None:
     assert set(lines(look(tmp_path, NOW + 2))) == {"tracker", "voice", "stage"}
 

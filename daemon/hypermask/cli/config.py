@@ -27,8 +27,8 @@ def show(
         print_json({"origin": loaded.origin, "machine": data})
     else:
         if loaded.problem is not None:
-            console.print(f"# CFG-LASTGOOD: {complaint(loaded)}", markup=False)
-        console.print(dumps(data), end="", markup=False)
+            console.print(f"# CFG-LASTGOOD: {complaint(loaded)}")
+        console.print(dumps(data), end="")
 
 
 @app.command("check")
@@ -42,17 +42,29 @@ def check(as_json: JsonOption = False) -> None:
     problems = []
     if loaded.problem is not None:
         problems.append(("CFG-LASTGOOD", complaint(loaded)))
+    problems += _content_problem(loaded.machine)
     problems += _show_problem(checked_show, loaded.machine.show)
     if as_json:
         print_json(_checked(loaded.origin, [str(path) for path in layer_paths()], problems))
     else:
         for code, text in problems:
-            console.print(f"{code}: {text}", markup=False)
+            console.print(f"{code}: {text}")
         if not problems:
             names = ", ".join(path.name for path in layer_paths()) or "no files of your own"
             console.print(f"The configuration is good: {loaded.machine.name} with {names}.")
     if problems:
         raise typer.Exit(1)
+
+
+def _content_problem(machine: Any) -> list[tuple[str, str]]:
+    from hypermask.errors import ConfigError
+    from hypermask.machine.places import check_contents
+
+    try:
+        check_contents(machine)
+    except ConfigError as error:
+        return [(error.code, f"{error.what}. {error.remedy}")]
+    return []
 
 
 def _show_problem(checked_show: Any, name: str) -> list[tuple[str, str]]:
@@ -79,8 +91,13 @@ def set_value(
     """Change one value, if all together is then still good. It holds from the next start on."""
     from hypermask.machine.files import SET_FILE, etc
     from hypermask.machine.files import set_value as store
+    from hypermask.services.playbill import checked_show
 
-    store(assignment)
+    def check_show(machine: Any) -> None:
+        if assignment.partition("=")[0].strip() == "show":
+            checked_show(machine.show)
+
+    store(assignment, check_show)
     if as_json:
         print_json({"set": assignment, "file": str(etc() / SET_FILE)})
     else:

@@ -38,9 +38,11 @@ def build(
 ) -> None:
     """Make a character from one photograph."""
     from hypermask import paths
+    from hypermask.face.character import check_name
     from hypermask.texture.build import build_character
     from hypermask.texture.normalise import FINE_SIZE, SIZE
 
+    check_name(name)
     if out is None and (paths.configs() / "characters" / name).exists():
         raise UsageError("CHAR-NAME", f"'{name}' is a built-in character", "Choose another name.")
     shelf = out or paths.home() / "characters"
@@ -64,20 +66,22 @@ def _order(photo: Path, name: str, size: int, as_json: bool) -> None:
     import time
 
     from hypermask.errors import DataError
+    from hypermask.texture.photo import photo_bytes
     from hypermask.workers import orders
     from hypermask.workers.orders import ORDERS
     from hypermask.workers.running import running_board
 
     folder = running_board() / ORDERS
     began_s = time.monotonic()
-    order = orders.Order(name=name, photo=str(photo.resolve()), size=size, ordered_s=began_s)
-    number = orders.place(folder, order)
+    order = orders.Order(name=name, source=photo.name, size=size, ordered_s=began_s)
+    number = orders.place(folder, order, photo_bytes(photo))  # its own place the show may not see
     while (told := orders.outcome(folder, number)) is None:
         if time.monotonic() - began_s > _ORDER_TIMEOUT_S:
             raise DataError("ORDER-LATE", "the show does not answer", "Is its dresser alive?")
         time.sleep(0.02)
     if "error" in told:
-        raise DataError(told["error"], told["what"], told["remedy"])
+        copy = str(folder / f"{number}{orders.PHOTO}")
+        raise DataError(told["error"], told["what"].replace(copy, str(photo)), told["remedy"])
     seconds = round(time.monotonic() - began_s, 2)
     if as_json:
         print_json({"name": name, "seconds": seconds})
@@ -93,9 +97,9 @@ def prepare(as_json: JsonOption = False) -> None:
     For whoever copies an appliance's disk: the first start is then as quick as any other.
     """
     from hypermask.machine.files import load
+    from hypermask.machine.places import mask_folder
     from hypermask.mask import load_mask
     from hypermask.services.playbill import checked_show
-    from hypermask.services.rig import mask_folder
     from hypermask.workers.costumes import Costumes
 
     machine = load().machine

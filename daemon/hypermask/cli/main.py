@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 
 # Before numpy is imported: small linear algebra gets slower with BLAS threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -26,6 +27,8 @@ from hypermask.cli import (
     update,
     voice,
 )
+from hypermask.cli.output import fail
+from hypermask.errors import UsageError
 
 app = typer.Typer(
     name="hypermask",
@@ -64,7 +67,21 @@ def _terminated(number: int, frame: object) -> None:
 
 def main() -> None:
     signal.signal(signal.SIGTERM, _terminated)
-    app()
+    if "--json" not in sys.argv[1:]:
+        app()
+    try:
+        sys.exit(app(standalone_mode=False) or 0)
+    except _refusal() as error:
+        what = error.format_message().rstrip(".")  # type: ignore[attr-defined]
+        sys.exit(fail(UsageError("USAGE", what, "Try it with --help."), as_json=True).exit_code)
+    except typer.Abort:
+        sys.exit(130)
+
+
+def _refusal() -> type[Exception]:
+    """What click says of a wrong command line; newer releases of typer have a click inside."""
+    kinds = typer.BadParameter.__mro__
+    return next(kind for kind in kinds if kind.__name__ == "ClickException")
 
 
 if __name__ == "__main__":

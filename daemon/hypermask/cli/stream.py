@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hypermask.cli.output import JsonOption, reports_errors
+from hypermask.cli.output import JsonOption, finite, reports_errors
 
 app = typer.Typer(help="Send or receive a performance (10 kbit/s).", no_args_is_help=True)
 
@@ -21,11 +21,12 @@ MachineOption = Annotated[
 HostOption = Annotated[str | None, typer.Option("--host", help="In place of the file's.")]
 PortOption = Annotated[int | None, typer.Option("--port", help="In place of the file's.")]
 KeyOption = Annotated[Path | None, typer.Option("--key-file", help="In place of the file's.")]
-BoardOption = Annotated[Path, typer.Option("--board", help="Folder of the blackboard.")]
+BoardOption = Annotated[
+    Path | None, typer.Option("--board", help="A blackboard's folder, in place of the show's here.")
+]
 SecondsOption = Annotated[
     float | None, typer.Option("--seconds", help="End after so long; without it, never.", min=0)
 ]
-_BOARD = Path("/run/hypermask")
 
 
 @app.command()
@@ -35,7 +36,7 @@ def send(
     host: HostOption = None,
     port: PortOption = None,
     key_file: KeyOption = None,
-    board: BoardOption = _BOARD,
+    board: BoardOption = None,
     seconds: SecondsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -45,6 +46,7 @@ def send(
     from hypermask.stream.link import UdpSender
     from hypermask.stream.settings import SendSettings, StreamSettings, load_key, load_stream
     from hypermask.workers.board import Board
+    from hypermask.workers.running import running_board
     from hypermask.workers.stream import StreamSender
     from hypermask_drivers.clock import RealClock
 
@@ -52,7 +54,7 @@ def send(
     settings = _changed(SendSettings, chosen, host, port, key_file)
     link = UdpSender(settings.host, settings.port)
     worker = StreamSender(
-        link, Board.shared(board), RealClock(), _reporter(as_json),
+        link, Board.reading(board or running_board()), RealClock(), _reporter(as_json),
         next_session(paths.home() / "stream-sent"), settings, load_key(settings.key_file),
     )  # fmt: skip
     try:
@@ -72,7 +74,7 @@ def receive(
     show: Annotated[
         Path | None, typer.Option("--show", help="Show file whose face is driven.")
     ] = None,
-    board: BoardOption = _BOARD,
+    board: BoardOption = None,
     seconds: SecondsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -84,6 +86,7 @@ def receive(
     from hypermask.stream.link import UdpReceiver
     from hypermask.stream.settings import ReceiveSettings, StreamSettings, load_key, load_stream
     from hypermask.workers.board import Board
+    from hypermask.workers.running import running_board
     from hypermask.workers.stream import StreamReceiver
     from hypermask_drivers.clock import RealClock
 
@@ -93,9 +96,8 @@ def receive(
     scene = ShowEngine(load_show(show), time.monotonic()).scene if show else None
     link = UdpReceiver(settings.host, settings.port, settings.senders)
     guard = Guard(key is not None, paths.home() / "stream-heard")
-    worker = StreamReceiver(
-        link, Board.shared(board), RealClock(), _reporter(as_json), settings, key, guard, scene
-    )
+    own = Board.shared(board or running_board())
+    worker = StreamReceiver(link, own, RealClock(), _reporter(as_json), settings, key, guard, scene)
     try:
         _run(lambda: worker.step(0.01), seconds)
     finally:
@@ -120,7 +122,7 @@ def _run(step: Callable[[], object], seconds: float | None) -> None:
 def _reporter(as_json: bool) -> Callable[[float, str, str], None]:
     def report(time_s: float, code: str, text: str) -> None:
         if as_json:
-            print(json.dumps({"time_s": time_s, "code": code, "text": text}), flush=True)
+            print(json.dumps(finite({"time_s": time_s, "code": code, "text": text})), flush=True)
         else:
             print(f"{code}: {text.removeprefix(code + ': ')}", file=sys.stderr, flush=True)
 
@@ -129,6 +131,6 @@ def _reporter(as_json: bool) -> Callable[[float, str, str], None]:
 
 def _end(as_json: bool, result: dict[str, Any]) -> None:
     if as_json:
-        print(json.dumps({"result": result}), flush=True)
+        print(json.dumps(finite({"result": result})), flush=True)
     else:
         print(", ".join(f"{name} {value}" for name, value in result.items()))

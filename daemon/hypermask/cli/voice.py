@@ -78,6 +78,7 @@ def show(
     ),
     model: _Model = "default",
     lookahead: _Lookahead = 0,
+    as_json: JsonOption = False,
 ) -> None:
     """Draw sound, phones and mouth parameters as a picture."""
     import cv2
@@ -95,7 +96,10 @@ def show(
     arousal = np.array([frame.arousal for frame in frames])
     picture = draw(np.nan_to_num(sound), rate_hz, track, arousal, spoken)
     write_atomically(out, cv2.imencode(".png", picture)[1].tobytes())
-    console.print(f"{out}: {picture.shape[1]} x {picture.shape[0]}")
+    if as_json:
+        print_json({"picture": str(out), "width": picture.shape[1], "height": picture.shape[0]})
+    else:
+        console.print(f"{out}: {picture.shape[1]} x {picture.shape[0]}")
 
 
 @app.command()
@@ -190,12 +194,15 @@ def _tell(result: dict[str, Any], as_json: bool) -> None:
 
 @app.command()
 @reports_errors
-def forget() -> None:
+def forget(as_json: JsonOption = False) -> None:
     """Use nobody's calibration from now on; the files stay."""
     from hypermask.voice import speaker
 
     speaker.forget()
-    console.print("The voice is followed without calibration.")
+    if as_json:
+        print_json({"speaker": None})
+    else:
+        console.print("The voice is followed without calibration.")
 
 
 def _settings(model: str, lookahead_ms: int) -> Any:

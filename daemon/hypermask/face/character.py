@@ -169,7 +169,7 @@ def encode_picture(image: Image, compression: int) -> bytes:
 
 def load_character(folder: Path) -> Character:
     """Raises `DataError` CHAR-ABSENT, CHAR-READ; `ConfigError` CFG-* for its character.toml."""
-    if not (folder / "character.toml").is_file():
+    if not paths.is_file(folder / "character.toml"):
         raise _absent(str(folder))
     settings = load(CharacterSettings, folder / "character.toml")
     if settings.version != VERSION:
@@ -279,9 +279,10 @@ def find_character(name: str | Path) -> Path:
     candidates += [shelf / str(name) for shelf in _shelves() if _NAME.fullmatch(str(name))]
     candidates.append(given)
     # A folder into which one character was built stands for that character.
-    inner = [file.parent for file in given.glob("*/character.toml")] if given.is_dir() else []
-    candidates += inner if len(inner) == 1 else []
+    inner = given.glob("*/character.toml") if paths.is_folder(given) else ()
+    within = [file.parent for file in inner]
+    candidates += within if len(within) == 1 else []
     for folder in candidates:
-        if (folder / "character.toml").is_file():
+        if paths.is_file(folder / "character.toml"):
             return folder
     raise _absent(str(name))

@@ -129,10 +129,10 @@ def find_expression(name: str | Path) -> Path:
     Raises `DataError` EXPR-ABSENT, which names the known ones.
     """
     given = Path(name)
-    if given.suffix == ".toml" and given.is_file():
+    if given.suffix == ".toml" and paths.is_file(given):
         return given
     for shelf in _shelves() if _NAME.fullmatch(str(name)) else ():
-        if (shelf / f"{name}.toml").is_file():
+        if paths.is_file(shelf / f"{name}.toml"):
             return shelf / f"{name}.toml"
     raise DataError(
         "EXPR-ABSENT",

@@ -20,6 +20,7 @@ from hypermask import paths
 from hypermask.config import override, parse, read_toml
 from hypermask.errors import ConfigError, HypermaskError
 from hypermask.machine.devices import check_devices
+from hypermask.machine.places import check_contents, check_places
 from hypermask.machine.settings import MachineSettings
 from hypermask.machine.toml import dumps
 from hypermask.storage import write_atomically
@@ -60,7 +61,7 @@ def packaged_path(name: str) -> Path:
     """Raises `ConfigError` CFG-MACHINE."""
     folder = paths.configs() / "machines"
     path = folder / f"{name}.toml"
-    if "/" in name or not path.is_file():
+    if "/" in name or not paths.is_file(path):
         known = ", ".join(sorted(found.stem for found in folder.glob("*.toml"))) or "none"
         raise ConfigError("CFG-MACHINE", f"there is no machine '{name}'", f"Known: {known}.")
     return path
@@ -94,9 +95,10 @@ def merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> Table:
 
 
 def validated(table: Table, source: str) -> MachineSettings:
-    """Raises `ConfigError` CFG-*, DRV-NAME: also for what only the drivers know."""
+    """Raises `ConfigError` CFG-*, DRV-NAME, MASK-*: also for what only the drivers know."""
     machine = parse(MachineSettings, without_devices(table), source)
     check_devices(machine, source)
+    check_places(machine)
     return machine
 
 
@@ -166,10 +168,14 @@ def keep_good(machine: MachineSettings) -> bool:
     return True
 
 
-def set_value(assignment: str) -> MachineSettings:
+def set_value(
+    assignment: str, check: Callable[[MachineSettings], object] = lambda machine: None
+) -> MachineSettings:
     """`table.key=value` into `/etc/hypermask/90-set.toml`, if all together is then still good.
 
-    Raises `ConfigError` CFG-*, SET-FORM, SET-OVERRULED, SET-RIGHTS; `HypermaskError` DISK-WRITE.
+    check: raises what else may be wrong.
+    Raises `ConfigError` CFG-*, MASK-*, SET-FORM, SET-OVERRULED, SET-RIGHTS; `HypermaskError`
+    DISK-WRITE.
     """
     path = etc() / SET_FILE
     changed = override(read_toml(path) if path.is_file() else {}, [assignment])
@@ -180,6 +186,8 @@ def set_value(assignment: str) -> MachineSettings:
     _check_holds(owner, changed, assignment, [layer.name for layer in layers if layer > path])
     table = over_packaged(owner)
     machine = validated(table, f"{source()} with {assignment}")
+    check_contents(machine)
+    check(machine)
     try:
         write_atomically(path, dumps(changed).encode())
     except HypermaskError as error:

@@ -21,11 +21,13 @@ def show_path(name: str) -> Path:
     candidates = [given] if given.suffix == ".toml" else []
     candidates += [folder / f"{name}.toml" for folder in _shelves()] if "/" not in name else []
     for path in candidates:
-        if path.is_file():
+        if paths.is_file(path):
             return path
     known = sorted({path.stem for folder in _shelves() for path in folder.glob("*.toml")})
     raise ConfigError(
-        "SHOW-NAME", f"there is no show '{name}'", f"Known: {', '.join(known) or 'none'}."
+        "SHOW-NAME",
+        f"there is no show '{name}'",
+        f"Known: {', '.join(known) or 'none'}.{paths.hint(name)}",
     )
 
 

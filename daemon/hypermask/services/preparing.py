@@ -16,9 +16,10 @@ from hypermask.face.character import find_character, load_character
 from hypermask.face.face import Face
 from hypermask.machine.devices import device_settings
 from hypermask.machine.files import etc, last_good_path, layer_paths
+from hypermask.machine.places import mask_folder
 from hypermask.services import overture, prepared
 from hypermask.services.playbill import playable_show, show_path
-from hypermask.services.rig import Rig, mask_folder, nominal_projector
+from hypermask.services.rig import Rig, nominal_projector
 from hypermask.show.scene import SCENE
 from hypermask.show.showfile import ShowFile
 from hypermask.stage.eye_discs import eye_discs

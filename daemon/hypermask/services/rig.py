@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from hypermask import paths
@@ -14,6 +13,7 @@ from hypermask.calibration.parameters import ProCam
 from hypermask.errors import ConfigError
 from hypermask.geometry import Pinhole, Pose, rotation_from_attitude
 from hypermask.machine.devices import SIMULATED, make_device
+from hypermask.machine.places import mask_folder, scenario_path
 from hypermask.machine.settings import MachineSettings
 from hypermask.mask import Mask, load_mask
 from hypermask.workers.board import Board
@@ -120,25 +120,6 @@ def nominal_screen(machine: MachineSettings) -> Fixed:
         projector.k,
         projector.centre_px,
         projector.attitude_deg,
-    )
-
-
-def mask_folder(name: str) -> Path:
-    """A folder as it is, or the one of that name in configs/masks. Raises `ConfigError`
-    MASK-ABSENT."""
-    for folder in (Path(name), paths.configs() / "masks" / name):
-        if (folder / "mask.toml").is_file():
-            return folder
-    raise ConfigError("MASK-ABSENT", f"there is no mask '{name}'", "Correct the machine's 'mask'.")
-
-
-def scenario_path(name: str) -> Path:
-    """A path as it is, or the scenario of that name. Raises `ConfigError` CFG-ABSENT."""
-    for path in (Path(name), paths.configs() / "scenarios" / f"{name}.toml"):
-        if path.is_file():
-            return path
-    raise ConfigError(
-        "CFG-ABSENT", f"there is no scenario '{name}'", "Correct the machine's 'scenario'."
     )
 
 

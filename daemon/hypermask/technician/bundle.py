@@ -40,7 +40,7 @@ def make(out: Path, run_it: Run = run) -> list[str]:
 
     Raises `HypermaskError` DISK-WRITE.
     """
-    clean = Redactor(_guests() | own_words(home=paths.home()))
+    clean = Redactor(_guests() | _others() | own_words(home=paths.home()))
     parts: dict[str, Callable[[], str]] = {
         "README.txt": lambda: _README,
         "versions.txt": lambda: _versions(run_it),
@@ -65,6 +65,17 @@ def make(out: Path, run_it: Run = run) -> list[str]:
     write_atomically(out, _packed(written))
     out.chmod(0o600)
     return list(written)
+
+
+def _others() -> dict[str, str]:
+    """Machines with which this one talks: their names have no form by which they could be known."""
+    from hypermask.machine.files import load
+
+    try:
+        stream = load().machine.stream
+    except HypermaskError:
+        return {}
+    return dict.fromkeys((stream.send.host, stream.receive.host, *stream.receive.senders), "[host]")
 
 
 def _guests() -> dict[str, str]:

@@ -116,16 +116,23 @@ def services(run_it: Run = run) -> str:
 
 
 def restart_failed(run_it: Run = run) -> str:
-    """Start what failed once more. A show that somebody stopped stays stopped."""
-    failed = [unit.name for unit in units(run_it=run_it).values() if unit.active == "failed"]
+    """Start what failed once more. A show that somebody stopped stays stopped, and the safe state,
+    which would end the picture, is only forgotten."""
+    found = units(run_it=run_it)
+    failed = [unit.name for unit in found.values() if unit.active == "failed"]
     if not failed:
         raise HypermaskError(
             "DOC-FIX", "no service has failed", "What else is wrong is yours to decide."
         )
+    if TARGET not in found or found[TARGET].active != "active":
+        raise HypermaskError("DOC-FIX", "the show is stopped", f"systemctl start {TARGET}.")
     _as_root()
     run_it(["systemctl", "reset-failed", *failed])
-    _must(run_it, ["systemctl", "restart", *failed])
-    return f"restarted {', '.join(failed)}"
+    again = [name for name in failed if name != SAFE]
+    if not again:
+        return f"forgot that {SAFE} failed"
+    _must(run_it, ["systemctl", "restart", *again])
+    return f"restarted {', '.join(again)}"
 
 
 def start_up(run_it: Run = run) -> str:

@@ -7,6 +7,7 @@ Twice: by form (whatever looks like an address, a password, a photograph's name)
 from __future__ import annotations
 
 import json
+import math
 import pwd
 import re
 import socket
@@ -60,10 +61,10 @@ class Redactor:
     """words: values that must not be seen, and what stands for them."""
 
     def __init__(self, words: dict[str, str] | None = None) -> None:
-        known = {word: mark for word, mark in (words or {}).items() if _telling(word)}
+        known = {word: mark for word, mark in (words or {}).items() if _telling(word, mark)}
         self._marks = {word.casefold(): mark for word, mark in known.items()}
         ordered = sorted(known, key=len, reverse=True)
-        pattern = "|".join(re.escape(word) for word in ordered)
+        pattern = "|".join(_exactly(word) for word in ordered)
         self._known = (
             re.compile(rf"(?i)(?<![A-Za-z0-9])(?:{pattern})(?![A-Za-z0-9])") if ordered else None
         )
@@ -92,6 +93,8 @@ class Redactor:
             }
         if isinstance(value, list | tuple):
             return [self.data(item) for item in value]
+        if isinstance(value, float) and not math.isfinite(value):
+            return None  # JSON has no such number
         return self(value) if isinstance(value, str) else value
 
     def json(self, value: Any) -> str:
@@ -107,9 +110,15 @@ def _unnamed(hit: re.Match[str]) -> str:
     return hit.group() if name.casefold() in OURS or "[" in name else f"{kind} '[name]'"
 
 
-def _telling(word: str) -> bool:
-    """Words that are too short or too common would take the text apart."""
-    return len(word) >= 3 and word.casefold() not in _COMMON and not word.isspace()
+def _telling(word: str, mark: str) -> bool:
+    """Words that are too short or too common would take the text apart; but a name is a name."""
+    long = len(word) >= 3 or mark.startswith(("[character", "[voice"))
+    return long and word.casefold() not in _COMMON and bool(word) and not word.isspace()
+
+
+def _exactly(word: str) -> str:
+    """Short names only as they are written: Al, not al."""
+    return re.escape(word) if len(word) >= 3 else f"(?-i:{re.escape(word)})"
 
 
 def own_words(root: Path = Path("/"), home: Path | None = None) -> dict[str, str]:

@@ -71,11 +71,12 @@ def build_character(
     date: datetime.date | None = None,
     size: int = SIZE,
     tell: Callable[[str], None] | None = None,
+    source: str | None = None,
 ) -> Character:
     """Make and save the character `name` in the folder `out`/`name` (default: the user's own).
 
     size: texels of the texture's side, 512 or 1024; tell: is given each sentence of advice on a
-    photograph that could be better.
+    photograph that could be better; source: what the photograph is called, if not by its file.
 
     Raises `UsageError` CHAR-NAME; `DataError` PHOTO-ABSENT, PHOTO-FORMAT, PHOTO-SIZE, FACE-NONE,
     FACE-MANY, FACE-SMALL, FACE-HIDDEN, FACE-MODELS, TEXTURE-MODEL; `HypermaskError` DISK-WRITE.
@@ -95,7 +96,8 @@ def build_character(
         packing = pool.submit(encode_picture, texture, _COMPRESSION)
         said = advice(image, face, hidden, flat)
         how = record(face, size, said, original)
-    character = Character(name, photo.name, made, texture, looking.result(), face.points, kept, how)
+    called, eyes = source or photo.name, looking.result()
+    character = Character(name, called, made, texture, eyes, face.points, kept, how)
     if tell is not None:
         for sentence in said:
             tell(sentence)

@@ -49,7 +49,7 @@ def load_photo(path: Path) -> Image:
 
 def read_photo(path: Path) -> tuple[Image, bytes, int]:
     """(what `load_photo` gives, the file's bytes, the longer side that it has)."""
-    data = _read(path)
+    data = photo_bytes(path)
     return decode_photo(data, path), data, max(_header_size(data) or pillow_size(data) or (0,))
 
 
@@ -90,7 +90,8 @@ def scaled(image: Image, factor: float) -> Image:
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _read(path: Path) -> bytes:
+def photo_bytes(path: Path) -> bytes:
+    """A photograph's file as it is. Raises `DataError` PHOTO-ABSENT, PHOTO-FORMAT, PHOTO-SIZE."""
     try:
         facts = path.stat()
         if not stat.S_ISREG(facts.st_mode):  # a pipe would be waited for without end

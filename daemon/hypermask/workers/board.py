@@ -130,11 +130,19 @@ class Board:
     @staticmethod
     def shared(folder: Path) -> Board:
         """Memory-mapped files in `folder` (on the appliance /run/hypermask)."""
-        topics = {name: SharedTopic(folder / name, dtype) for name, dtype in LAYOUTS.items()}
-        return Board(folder=folder, **topics)
+        return Board(folder=folder, **{name: _shared(folder, name) for name in LAYOUTS})
 
     @staticmethod
-    def reading(folder: Path) -> Board:
-        """For somebody who only looks: makes no file and needs no right to write."""
-        topics = {name: ReadTopic(folder / name, dtype) for name, dtype in LAYOUTS.items()}
+    def reading(folder: Path, but: str | None = None) -> Board:
+        """For somebody who only looks: makes no file and needs no right to write. but: a topic that
+        he publishes."""
+        topics: dict[str, Topic] = {
+            name: _shared(folder, name) if name == but else ReadTopic(folder / name, dtype)
+            for name, dtype in LAYOUTS.items()
+        }
         return Board(folder=folder, **topics)
+
+
+def _shared(folder: Path, name: str) -> SharedTopic:
+    """A lesson may be given by everybody who may steer the show."""
+    return SharedTopic(folder / name, LAYOUTS[name], 0o660 if name == "lesson" else 0o640)

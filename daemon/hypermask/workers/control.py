@@ -192,7 +192,7 @@ def ask(request: Table, path: Path | None = None, timeout_s: float = 3.0) -> Tab
 
     Raises `HypermaskError` CTL-NONE, CTL-RIGHTS, CTL-SILENT, CTL-JSON, and the answer's own.
     """
-    path = path or socket_path()
+    path = path or _served()
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as client:
         client.settimeout(timeout_s)
         try:
@@ -210,6 +210,20 @@ def ask(request: Table, path: Path | None = None, timeout_s: float = 3.0) -> Tab
             "CTL-JSON", "the show's answer is no JSON", "Look at its journal (hypermask log)."
         ) from error
     return _checked(answer)
+
+
+def _served() -> Path:
+    """The first socket that is there, or may be: in a folder that may not be entered."""
+    candidates = [run / socket_path().name for run in paths.run_folders()]
+    for path in candidates:
+        try:
+            path.stat()
+        except PermissionError:
+            return path
+        except OSError:
+            continue
+        return path
+    return candidates[0]
 
 
 def _checked(answer: Any) -> Table:

@@ -88,7 +88,8 @@ class Dresser:
                 "ORDER-READ", "an order names either a photo or a character", "Order again."
             )
         if order.photo is not None:
-            return build_character(Path(order.photo), order.name, self._shelf, size=order.size)
+            photo, size = Path(order.photo), order.size
+            return build_character(photo, order.name, self._shelf, size=size, source=order.source)
         return load_character(find_character(str(order.character)))
 
     def _sew(self, order: orders.Order, character: Character) -> None:

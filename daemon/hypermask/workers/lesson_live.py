@@ -29,8 +29,10 @@ def teach(who: str, sound: str, device: str, say: Callable[[str], None]) -> dict
     """
     clock = RealClock()
     try:
-        board = Board.shared(running_board())
-    except DataError:  # SHOW-NONE
+        board = Board.reading(running_board(), but="lesson")
+    except DataError as error:
+        if error.code != "SHOW-NONE":
+            raise
         return _alone(who, open_microphone(sound, device, clock), clock, say)
     lesson = VoiceLesson(board, who, say, by_keys=False)
     return _led(lesson, clock, lambda: clock.sleep_until(clock.now() + _STEP_S))

@@ -1,6 +1,7 @@
 """Orders to the dresser: small files in a folder, which outlive whoever placed or took them.
 
 NAME.json      an order, whole from the first moment it is seen
+NAME.photo     the photograph that came with it, where the dresser may not read the place it is from
 NAME.done      what became of it; the last few are kept
 """
 
@@ -21,27 +22,34 @@ from hypermask.storage import write_atomically
 
 ORDERS = "orders"
 """Their folder, in the board's folder."""
+PHOTO = ".photo"
 _KEPT = 32
 
 
 class Order(Settings):
-    """photo: a picture of which a character is made; character: or the folder of one that is made
-    already. appear: at once, not when its turn comes. size: texels of its texture's side.
-    ordered_s: clock time (CLOCK_MONOTONIC) of the order.
+    """photo: a picture of which a character is made; source: what to call it, where that is not its
+    name; character: or the folder of one that is made already. appear: at once, not when its turn
+    comes. size: texels of its texture's side. ordered_s: clock time (CLOCK_MONOTONIC) of the order.
     """
 
     name: str
     photo: str | None = None
+    source: str | None = None
     character: str | None = None
     appear: bool = True
     size: int = 512
     ordered_s: float = Field(0.0, ge=0)
 
 
-def place(folder: Path, order: Order) -> str:
-    """Returns the order's number. Raises `UsageError` CHAR-NAME, `HypermaskError` DISK-WRITE."""
+def place(folder: Path, order: Order, photo: bytes | None = None) -> str:
+    """Returns the order's number. photo: the picture's bytes, in place of a file that the dresser
+    can read. Raises `UsageError` CHAR-NAME, `HypermaskError` DISK-WRITE."""
     check_name(order.name)
     number = f"{time.time_ns():020d}-{order.name}"
+    if photo is not None:
+        copy = folder / f"{number}{PHOTO}"
+        write_atomically(copy, photo)
+        order = order.model_copy(update={"photo": str(copy)})
     write_atomically(folder / f"{number}.json", order.model_dump_json().encode())
     return number
 
@@ -67,6 +75,7 @@ def answer(folder: Path, number: str, result: dict[str, Any]) -> None:
         write_atomically(folder / f"{number}.done", json.dumps(result).encode())
     finally:
         (folder / f"{number}.json").unlink(missing_ok=True)
+        (folder / f"{number}{PHOTO}").unlink(missing_ok=True)
     for old in sorted(folder.glob("*.done"))[:-_KEPT]:
         old.unlink(missing_ok=True)
 

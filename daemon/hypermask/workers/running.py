@@ -34,14 +34,20 @@ def announced(board: Path) -> Iterator[None]:
 def running_board() -> Path:
     """The blackboard's folder of the running show: of a rehearsal, else of the services, also when
     they have died. Raises `DataError` SHOW-NONE."""
-    for folder in (paths.run() / _LINK, paths.run() / "board"):
+    for folder in (run / name for run in paths.run_folders() for name in (_LINK, "board")):
         try:
-            if (folder / "scene").is_file():
-                return folder.resolve()
+            (folder / "scene").stat()
         except PermissionError as error:
-            raise DataError(
-                "BOARD-RIGHTS",
-                f"{folder} may not be looked at",
-                "Join the group hypermask (adduser YOU hypermask, and log in again), or use sudo.",
-            ) from error
+            raise rights(folder) from error
+        except OSError:
+            continue
+        return folder.resolve()
     raise DataError("SHOW-NONE", "no show is running on this machine", "Start one.")
+
+
+def rights(folder: Path) -> DataError:
+    return DataError(
+        "BOARD-RIGHTS",
+        f"{folder} may not be looked at",
+        "Join the group hypermask (adduser YOU hypermask, and log in again), or use sudo.",
+    )

@@ -70,18 +70,19 @@ def _line(name: str, record: Record | None, describe_it: Callable[[Record], Line
 
 def _tracker(record: Record, now_s: float) -> Line:
     age_s, locked = now_s - float(record["time_s"]), bool(record["locked"])
-    unseen_s = now_s - float(record["seen_s"])
+    unseen_s = _or_none(now_s - float(record["seen_s"]))
     figures = {
         "age_s": round(age_s, 3),
         "mask_seen": locked,
-        "unseen_s": round(unseen_s, 3),
+        "unseen_s": unseen_s,
         "frames": int(record["frames"]),
         "dropped": int(record["dropped"]),
     }
     counted = f"{figures['frames']} frames, {figures['dropped']} dropped"
     if not record["camera_ready"] or age_s > STALE_S:
         return Line("tracker", False, f"no camera picture for {age_s:.1f} s; {counted}", figures)
-    seen = "the mask is seen" if locked else f"the mask is not seen for {unseen_s:.1f} s"
+    unseen = "has not been seen yet" if unseen_s is None else f"is not seen for {unseen_s:.1f} s"
+    seen = "the mask is seen" if locked else f"the mask {unseen}"
     return Line("tracker", locked, f"{seen}; {counted}", figures)
 
 
@@ -216,4 +217,4 @@ def _text(field: Any) -> str:
 
 
 def _or_none(value: float) -> float | None:
-    return None if math.isnan(value) else round(value, 3)
+    return round(value, 3) if math.isfinite(value) else None
