@@ -26,7 +26,9 @@ from hypermask.tracking.motion import MotionFilter, predict
 from hypermask.workers.board import TRACK, Board
 from hypermask.workers.health import Health
 from hypermask_drivers.clock import RealClock, VirtualClock
+from hypermask_drivers.device import DeviceState
 from hypermask_drivers.projector import Projector
+from hypermask_drivers.projector.offscreen import Offscreen
 
 SMALL = {"driver": "offscreen", "width": 320, "height": 180}
 OPTICS = {
@@ -243,6 +245,21 @@ def test_there_is_none_without_its_costumes(cart: Cart) -> None:
     for costume in (paths.home() / "cache" / "costumes").iterdir():
         costume.unlink()
     assert overture.begin(cart.report) is None
+
+
+@pytest.mark.parametrize("damage", [b"", b"{}\n", b"\xff" * 100])
+def test_one_that_fails_gives_the_projector_back(
+    cart: Cart, monkeypatch: pytest.MonkeyPatch, damage: bytes
+) -> None:
+    """An open card has one master: the long way could not take it."""
+    closed = []
+    close = Offscreen.close
+    monkeypatch.setattr(Offscreen, "close", lambda device: (closed.append(device), close(device)))
+    for costume in (paths.home() / "cache" / "costumes").iterdir():
+        costume.write_bytes(damage)
+    assert overture.begin(cart.report) is None
+    (device,) = closed
+    assert device.state is DeviceState.ABSENT
 
 
 def test_costumes_that_are_missing_are_made_again(cart: Cart) -> None:

@@ -26,6 +26,7 @@ def desk(tmp_path: Path) -> Iterator[Show]:
 def test_a_broken_configuration_is_replaced_by_the_last_good_one_and_said_loudly(
     desk: Show,
 ) -> None:
+    desk.start("stage")
     desk.start("show")
     wait_for((desk.home / "machine" / "last-good.toml").is_file, LONG_S, "last-good.toml")
     assert desk.stop("show") == 0
@@ -34,6 +35,13 @@ def test_a_broken_configuration_is_replaced_by_the_last_good_one_and_said_loudly
     desk.await_more("tracker")
     assert "<3>CFG-LASTGOOD: " in desk.said("tracker") and "brightness" in desk.said("tracker")
     assert desk.await_working("tracker")["fault"] == b"CFG-LASTGOOD"
+
+
+def test_a_configuration_without_a_picture_is_not_a_good_one(desk: Show) -> None:
+    desk.start("show")
+    began_s = desk.await_working("show")["time_s"]
+    desk.await_health("show", lambda show: show["time_s"] > began_s + 1.0, "the show goes on")
+    assert not (desk.home / "machine" / "last-good.toml").exists()
 
 
 def test_without_anything_usable_a_service_ends_as_systemd_wants_it(tmp_path: Path) -> None:

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from hypermask import paths
 from hypermask.blackboard import SharedTopic
-from hypermask.errors import HypermaskError
 from hypermask.services import prepared
 from hypermask.show.fades import brightness_at, characters_at
 from hypermask.stage.costume import Costume, read_costume
@@ -79,6 +78,13 @@ class Overture:
         self.device = self._projector(clock)
         self.projector = Kept(self.device, "projector", clock, report)
         self.device.open()  # which is black
+        try:
+            self._prepare(clock)
+        except BaseException:
+            self.device.close()  # the long way would find the projector taken
+            raise
+
+    def _prepare(self, clock: RealClock) -> None:
         self.renderer, self.dressed = self._dressed()
         settings: Any = SimpleNamespace(**self._table["stage"])
         self.fade = MaskFade(settings)
@@ -221,5 +227,5 @@ def begin(report: Report) -> Overture | None:
         return None
     try:
         return Overture(ready, report)
-    except (HypermaskError, OSError, KeyError, ValueError, TypeError):
+    except Exception:
         return None  # whatever it is, the long way says it

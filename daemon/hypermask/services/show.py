@@ -33,6 +33,7 @@ class ShowLoop:
         assert keypad is None or isinstance(keypad, Keypad)
         self._keypad = keypad
         self.worker: ShowWorker | None = None
+        self._unkept_since_s: float | None = None
 
     def begin(self) -> None:
         rig = self._rig
@@ -51,7 +52,7 @@ class ShowLoop:
             devices=side_devices(rig),
             reload=lambda: checked_show(load().machine.show),
         )
-        self._keep_configuration()
+        self._unkept_since_s = rig.clock.now()
 
     def _control(self) -> ControlServer | None:
         """Without its socket the show can still be steered by the keypad."""
@@ -61,8 +62,12 @@ class ShowLoop:
             self._rig.report(self._clock.now(), error.code, str(error))
             return None
 
-    def _keep_configuration(self) -> None:
-        """The show has begun with these settings: they are the last good ones from now on."""
+    def _keep_configuration(self, since_s: float) -> None:
+        """The show has begun with these settings, a picture too: they are the last good ones."""
+        pace = self._rig.board.pace.latest()
+        if pace is None or float(pace["flip_s"]) < since_s:
+            return
+        self._unkept_since_s = None
         try:
             keep_good(self._rig.machine)
         except HypermaskError as error:
@@ -71,6 +76,8 @@ class ShowLoop:
     def turn(self) -> bool:
         assert self.worker is not None
         began_s = self._clock.now()
+        if self._unkept_since_s is not None:
+            self._keep_configuration(self._unkept_since_s)
         took = self.worker.step(WAIT_S)
         keypad = self._keypad
         self._health.device(keypad is not None and keypad.state is DeviceState.READY)
