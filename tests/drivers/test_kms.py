@@ -27,6 +27,7 @@ from hypermask_drivers.projector.kms_console import (
 )
 from hypermask_drivers.projector.kms_output import Output, card_paths, curve, find_connector
 from hypermask_drivers.projector.kms_settings import KmsSettings
+from hypermask_drivers.settings import parse
 
 HD = "74.25 1280 1390 1430 1650 720 725 730 750 +hsync +vsync"
 
@@ -48,12 +49,24 @@ def test_a_modeline_is_read_as_xorg_has_it() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "big", "1280", "74 1280 1390", HD + " +dsync", HD.replace("1390", "1200"), "1 2 x"]
-)
+    "text",
+    [
+        "", "big", "1280", "74 1280 1390", HD + " +dsync", HD.replace("1390", "1200"), "1 2 x",
+        "1280*720", "0x0", "1280x720@0", "99999x720", "1280x720@5000", HD.replace("74.25", "inf"),
+        HD.replace("1650", "1e99"), HD.replace("1650", "70000"),
+    ],
+)  # fmt: skip
 def test_what_is_no_mode_is_said(text: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        choose([], text, False)
+        choose([], text, True)
     assert caught.value.code == "PRJ-MODE"
+    with pytest.raises(ConfigError, match="is no display mode"):
+        parse(KmsSettings, {"mode": text}, "cart.toml")
+
+
+@pytest.mark.parametrize("text", [None, "1280x720", "1280x720@59.94", HD])
+def test_a_mode_may_be_written_in_three_ways(text: str | None) -> None:
+    assert KmsSettings(mode=text).mode == text
 
 
 @pytest.mark.parametrize(

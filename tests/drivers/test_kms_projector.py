@@ -157,3 +157,12 @@ def test_closing_ends_the_signal_and_may_be_done_twice() -> None:
     assert not display.lit and projector.state is DeviceState.ABSENT
     projector.open()
     projector.present()
+
+
+def test_a_mode_that_nobody_checked_is_no_end_of_the_service() -> None:
+    """The stage's quick start takes settings as they were kept."""
+    projector, _ = rig()
+    projector.settings = projector.settings.model_copy(update={"mode": "1280*720"})
+    with pytest.raises(DeviceAbsent) as caught:
+        projector.open()
+    assert caught.value.code == "PRJ-MODE" and projector.state is DeviceState.ABSENT

@@ -77,8 +77,7 @@ class KmsProjector(Projector):
 
     def open(self) -> None:
         """Raises `DeviceAbsent` PRJ-CARD, PRJ-RIGHTS, PRJ-MASTER, PRJ-ATOMIC, PRJ-PLUG, PRJ-ROUTE,
-        PRJ-ABSENT (no display answers), PRJ-SIZE (it has no such mode), GPU-*; `ConfigError`
-        PRJ-MODE."""
+        PRJ-ABSENT (no display answers), PRJ-SIZE (it has no such mode), PRJ-MODE, GPU-*."""
         if self._state is DeviceState.READY:
             return
         self._state = DeviceState.OPENING
@@ -90,7 +89,7 @@ class KmsProjector(Projector):
             raise _absent(commit_error(error)) from error
         except (DeviceError, ConfigError) as error:
             self._fail(error.code)
-            if isinstance(error, DeviceLost):
+            if isinstance(error, DeviceLost | ConfigError):
                 raise _absent(error) from error
             raise
         self._missed = 0
@@ -415,7 +414,7 @@ class KmsProjector(Projector):
             self._card.take_master()
 
 
-def _absent(error: DeviceError) -> DeviceAbsent:
+def _absent(error: DeviceError | ConfigError) -> DeviceAbsent:
     return DeviceAbsent(error.code, error.what, error.remedy)
 
 
