@@ -1,15 +1,17 @@
 """The pan-tilt driver over a real pseudo-terminal, and everything that goes wrong on it."""
 
 import math
+import termios
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.errors import DeviceAbsent, DeviceError, DeviceLost
 from hypermask_drivers.pantilt.ptu import DirectedPerceptionPtu, PtuSettings
-from hypermask_drivers.pantilt.ptu_protocol import Reader
+from hypermask_drivers.pantilt.ptu_protocol import Answer, Reader
 from hypermask_drivers.pantilt.serial_line import SerialLine
 from hypermask_sim.emulators.ptu import PtuData, PtuUnit
 from hypermask_sim.emulators.ptu_line import PtuLine
@@ -194,6 +196,51 @@ def test_something_else_on_the_line_is_no_pan_tilt_unit(bench: Bench) -> None:
     assert caught.value.code == "PTU-STRANGE" and "OK" in caught.value.what
 
 
+@pytest.mark.parametrize("late", ["* 185.1428\r\n", "* 5\r\n"])
+def test_two_answers_at_once_are_asked_for_again(bench: Bench, late: str) -> None:
+    """The answer to an earlier question came late."""
+    answer, before = bench.unit._axis_command, [late]
+
+    def doubled(*command: Any) -> str:
+        return (before.pop() if before else "") + answer(*command)
+
+    bench.unit._axis_command = doubled  # type: ignore[method-assign]
+    bench.ptu.open()
+    assert bench.unit.heard.count("PR") == 2
+    assert bench.ptu.limits.pan_rad == pytest.approx((-3090 * STEP_RAD, 3090 * STEP_RAD))
+
+
+def test_what_came_too_late_is_not_the_next_answer(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask, late = DirectedPerceptionPtu._ask, []
+
+    def slowly(ptu: DirectedPerceptionPtu, *commands: str, share: float = 1.0) -> list[Answer]:
+        answers = ask(ptu, *commands, share=share)
+        if commands == ("pn",) and not late:
+            late.append(answers)
+            bench.unit.intrude("* -9 ", bench.clock.now())  # its end is lost in noise
+            bench.line.settle()
+            raise TimeoutError
+        return answers
+
+    monkeypatch.setattr(DirectedPerceptionPtu, "_ask", slowly)
+    bench.ptu.open()
+    assert bench.ptu.limits.pan_rad[0] == pytest.approx(-3090 * STEP_RAD)
+
+
+def test_a_converter_that_vanishes_while_it_is_set_up_is_absent(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def vanish(*_: object) -> None:
+        raise termios.error(5, "Input/output error")
+
+    monkeypatch.setattr(termios, "tcsetattr", vanish)
+    with pytest.raises(DeviceAbsent) as caught:
+        bench.ptu.open()
+    assert caught.value.code == "PTU-ABSENT"
+
+
 def test_a_line_in_use_says_so(bench: Bench) -> None:
     other = SerialLine(str(bench.line.link), 9600)
     with pytest.raises(DeviceAbsent) as caught:
@@ -231,6 +278,16 @@ def test_the_halt_is_heard_where_only_the_way_back_is_broken(bench: Bench) -> No
     bench.unit._emit = lambda *_: None  # type: ignore[method-assign, assignment]
     with pytest.raises(DeviceLost):
         ptu.read()
+    bench.line.catch_up()
+    assert bench.unit.heard[-1] == "H"
+
+
+def test_the_halt_is_heard_after_a_command_that_broke_off(bench: Bench) -> None:
+    ptu = bench.ready()
+    ptu.move(1.0, 0.0, 0.5)
+    assert ptu._line is not None
+    ptu._line.write(b"pp12")
+    ptu.close()
     bench.line.catch_up()
     assert bench.unit.heard[-1] == "H"
 

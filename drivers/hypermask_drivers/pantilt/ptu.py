@@ -179,12 +179,10 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         """Asked again when noise spoiled it, as it does after power-up."""
         answer = Answer(False, "nothing")
         for _ in range(_OPEN_TRIES):
-            try:
-                (answer,) = self._ask(query)
-            except TimeoutError:
-                continue
-            if answer.number is not None:
-                return answer.number
+            with contextlib.suppress(TimeoutError):
+                *others, answer = self._ask(query)
+                if answer.number is not None and not others:
+                    return answer.number
             self._drain(_QUIET_S)
         self._strange(answer.text)
         return 0.0
@@ -200,7 +198,7 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         line, self._line = self._line, None
         if line is not None:
             with contextlib.suppress(Exception):
-                line.write(b"h ")
+                line.write(b"\rh ")  # also after a command that broke off
             line.close()
 
     # --- asking ---------------------------------------------------------------------------
