@@ -28,7 +28,16 @@ class Bench:
         chosen = PtuSettings.model_validate(
             {"device": str(folder / "ptu"), "silence_s": 0.15, **settings}
         )
+        self.settings = chosen
         self.ptu = DirectedPerceptionPtu(chosen, self.clock, self.line.connect)
+
+    def next_process(self) -> DirectedPerceptionPtu:
+        """Opens the unit and knows nothing of what was before; the first one was killed."""
+        assert self.ptu._line is not None
+        self.ptu._line.close()
+        self.ptu = DirectedPerceptionPtu(self.settings, self.clock, self.line.connect)
+        self.ptu.open()
+        return self.ptu
 
     def wait(self, seconds: float) -> None:
         self.line.catch_up()
@@ -202,7 +211,8 @@ def test_two_answers_at_once_are_asked_for_again(bench: Bench, late: str) -> Non
     answer, before = bench.unit._axis_command, [late]
 
     def doubled(*command: Any) -> str:
-        return (before.pop() if before else "") + answer(*command)
+        late_one = before.pop() if before and command[:2] == ("P", "R") else ""
+        return late_one + answer(*command)
 
     bench.unit._axis_command = doubled  # type: ignore[method-assign]
     bench.ptu.open()
@@ -322,6 +332,60 @@ def test_a_limit_hit_costs_the_zero(bench: Bench) -> None:
     bench.line.settle()
     state = ptu.read()
     assert state.limit_hits == 1 and not state.homed
+
+
+def test_the_next_process_finds_the_zero_that_the_unit_kept(bench: Bench) -> None:
+    bench.ready().move(0.4, 0.1, 1.0)
+    bench.wait(2.0)
+    state = bench.next_process().read()
+    assert state.homed and state.pan_rad == pytest.approx(0.4, abs=STEP_RAD)
+
+
+def test_the_next_process_does_not_believe_a_unit_that_was_never_homed(bench: Bench) -> None:
+    bench.ptu.open()
+    assert not bench.ptu.read().homed
+    assert not bench.next_process().read().homed
+
+
+def test_the_next_process_does_not_believe_one_that_was_without_power(bench: Bench) -> None:
+    bench.ready()
+    bench.unit.power_cycle(bench.clock.now())
+    bench.wait(4.0)
+    assert not bench.next_process().read().homed
+    assert not bench.next_process().read().homed  # though its echo is off now
+
+
+def test_the_next_process_does_not_believe_one_that_hit_a_limit(bench: Bench) -> None:
+    ptu = bench.ready()
+    bench.unit.intrude("!P", bench.clock.now())
+    bench.line.settle()
+    assert not ptu.read().homed
+    assert not bench.next_process().read().homed
+
+
+def test_the_next_process_does_not_believe_a_reset_that_nobody_saw_end(bench: Bench) -> None:
+    bench.ready().home()
+    bench.wait(3.1)
+    assert not bench.next_process().read().homed
+
+
+def test_a_limit_hit_just_before_a_loss_is_not_forgotten(bench: Bench) -> None:
+    ptu = bench.ready()
+    bench.unit.intrude("!P", bench.clock.now())
+    bench.line.settle()
+    ptu.move(0.1, 0.0, 1.0)  # hears of it
+    ptu.close()
+    ptu.open()
+    assert not ptu.read().homed and not bench.next_process().read().homed
+
+
+def test_a_reset_that_finds_no_zero_is_over(bench: Bench) -> None:
+    bench.ptu.open()
+    bench.unit.jam()
+    bench.ptu.home()
+    bench.wait(3.1)
+    states = [bench.ptu.read() for _ in range(2)]
+    assert not states[-1].homed and not states[-1].moving
 
 
 def test_homing_that_never_ends_is_given_up(bench: Bench) -> None:
