@@ -77,6 +77,19 @@ def choose(modes: Sequence[abi.ModeInfo], wanted: str | None, forced: bool) -> a
     return reduced_blanking(width, height, rate or 60.0) if forced else None
 
 
+def like(modes: Sequence[abi.ModeInfo], earlier: abi.ModeInfo, forced: bool) -> abi.ModeInfo | None:
+    """The mode of an earlier one's size, and of the nearest rate. forced: as in `choose`."""
+    size, rate = (earlier.hdisplay, earlier.vdisplay), rate_hz(earlier)
+    same = [
+        mode
+        for mode in modes
+        if (mode.hdisplay, mode.vdisplay) == size and not mode.flags & abi.FLAG_INTERLACE
+    ]
+    if same:
+        return min(same, key=lambda mode: abs(rate_hz(mode) - rate))
+    return reduced_blanking(*size, rate or 60.0) if forced else None
+
+
 def modeline(text: str) -> abi.ModeInfo:
     """'clock_MHz h hs he ht v vs ve vt [+hsync|-hsync] [+vsync|-vsync]'. Raises PRJ-MODE."""
     words = text.split()
