@@ -96,6 +96,34 @@ def test_a_display_that_tells_its_modes_late_keeps_the_size_of_the_picture() -> 
     assert projector.context is context and projector.mode.width == 640
 
 
+def lose_by_a_fault(projector: KmsProjector, display: EmulatedDisplay) -> None:
+    display.hung = True
+    with pytest.raises(DeviceLost):
+        projector.present()
+    display.hung = False
+
+
+def test_a_forced_signal_keeps_its_size_while_the_display_says_nothing() -> None:
+    projector, display = rig(force=True)
+    projector.open()
+    lose_by_a_fault(projector, display)
+    display.connected = False
+    projector.open()
+    assert (projector.mode.width, codes(projector)) == (640, ["PRJ-SILENT"])
+
+
+def test_a_forced_signal_is_none_that_another_display_does_not_take() -> None:
+    projector, display = rig(force=True)
+    projector.open()
+    lose_by_a_fault(projector, display)
+    display.modeline = HD
+    with pytest.raises(DeviceAbsent):
+        projector.open()
+    display.clock.sleep_until(display.clock.now() + 5.0)
+    projector.open()
+    assert projector.mode.width == 1280
+
+
 def test_a_size_that_was_asked_for_is_not_waited_for() -> None:
     projector, display = rig(mode="640x480")
     projector.open()

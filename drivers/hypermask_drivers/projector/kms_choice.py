@@ -90,7 +90,7 @@ class Choice:
         """Raises `DeviceAbsent` PRJ-SIZE, PRJ-ABSENT; `ConfigError` PRJ-MODE."""
         modes, wanted, force = connector.modes, self._settings.mode, self._settings.force
         if wanted is None and self._timing is not None:
-            found = like(modes, self._timing, force)
+            found = like(modes, self._timing, force and not modes)
             if found is not None:
                 return found
             self._be_patient(connector.name, self._timing)
