@@ -31,7 +31,9 @@ _NAMES = (
 class EmulatedDisplay:
     """The hardware: faults are made by setting its fields. generation: another card was plugged.
 
-    vblank: whether the card tells of vertical blankings; master: whether it is free to be driven.
+    events: how often the kernel told of the connector; vblank: whether the card tells of vertical
+    blankings; master: whether it is free to be driven; blobs: how many the card keeps; full: it
+    has no memory for more pictures.
     """
 
     clock: Clock
@@ -46,6 +48,8 @@ class EmulatedDisplay:
     lit: bool = False
     shown: int = 0
     switched_on: int = 0
+    blobs: int = 0
+    full: bool = False
 
     def open(self, path: str) -> EmulatedCard:
         if not self.plugged:
@@ -77,6 +81,7 @@ class EmulatedCard:
             raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
 
     def close(self) -> None:
+        self._display.blobs = 0
         if self._generation == self._display.generation:
             self._display.lit = False
 
@@ -88,7 +93,7 @@ class EmulatedCard:
 
     def drop_master(self) -> None: ...
 
-    def watch(self, connector: str) -> EmulatedWatch:
+    def watch(self, connector: Connector) -> EmulatedWatch:
         return EmulatedWatch(self._display)
 
     def resources(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -115,12 +120,16 @@ class EmulatedCard:
         }
 
     def blob(self, data: object) -> int:
+        self._display.blobs += 1
         return 900
 
-    def drop_blob(self, number: int) -> None: ...
+    def drop_blob(self, number: int) -> None:
+        self._display.blobs -= 1
 
     def add_framebuffer(self, size: tuple[int, int], handle: int, pitch: int) -> int:
         self._check()
+        if self._display.full:
+            raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
         self._frames += 1
         return self._frames
 

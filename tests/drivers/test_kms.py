@@ -2,10 +2,12 @@
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.errors import ConfigError, DeviceAbsent, DeviceError, DeviceLost
 from hypermask_drivers.projector import drm_abi as abi
 from hypermask_drivers.projector.drm_card import (
@@ -19,14 +21,11 @@ from hypermask_drivers.projector.drm_card import (
 from hypermask_drivers.projector.drm_edid import edid
 from hypermask_drivers.projector.drm_modes import choose, modeline, rate_hz, reduced_blanking
 from hypermask_drivers.projector.kms import KmsProjector
-from hypermask_drivers.projector.kms_console import (
-    HotplugWatch,
-    force_connector,
-    is_hotplug,
-    silence_console,
-)
+from hypermask_drivers.projector.kms_choice import Choice
+from hypermask_drivers.projector.kms_console import force_connector, silence_console
 from hypermask_drivers.projector.kms_output import Output, card_paths, curve, find_connector
 from hypermask_drivers.projector.kms_settings import KmsSettings
+from hypermask_drivers.settings import parse
 
 HD = "74.25 1280 1390 1430 1650 720 725 730 750 +hsync +vsync"
 
@@ -48,12 +47,24 @@ def test_a_modeline_is_read_as_xorg_has_it() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "big", "1280", "74 1280 1390", HD + " +dsync", HD.replace("1390", "1200"), "1 2 x"]
-)
+    "text",
+    [
+        "", "big", "1280", "74 1280 1390", HD + " +dsync", HD.replace("1390", "1200"), "1 2 x",
+        "1280*720", "0x0", "1280x720@0", "99999x720", "1280x720@5000", HD.replace("74.25", "inf"),
+        HD.replace("1650", "1e99"), HD.replace("1650", "70000"),
+    ],
+)  # fmt: skip
 def test_what_is_no_mode_is_said(text: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        choose([], text, False)
+        choose([], text, True)
     assert caught.value.code == "PRJ-MODE"
+    with pytest.raises(ConfigError, match="is no display mode"):
+        parse(KmsSettings, {"mode": text}, "cart.toml")
+
+
+@pytest.mark.parametrize("text", [None, "1280x720", "1280x720@59.94", HD])
+def test_a_mode_may_be_written_in_three_ways(text: str | None) -> None:
+    assert KmsSettings(mode=text).mode == text
 
 
 @pytest.mark.parametrize(
@@ -122,25 +133,6 @@ def test_the_flips_end_is_found_among_the_events() -> None:
     assert parse_flip(data[:40]) is None
 
 
-def test_a_hotplug_event_is_told_from_others() -> None:
-    start = b"change@/devices/pci0/drm/card0\0ACTION=change\0"
-    assert is_hotplug(start + b"SUBSYSTEM=drm\0HOTPLUG=1\0CONNECTOR=36\0")
-    assert not is_hotplug(start + b"SUBSYSTEM=drm\0LEASE=1\0")
-    assert not is_hotplug(start + b"SUBSYSTEM=usb\0HOTPLUG=1\0")
-
-
-def test_a_display_that_goes_is_seen_in_its_status_file(tmp_path: Path) -> None:
-    folder = tmp_path / "card0-HDMI-A-1"
-    folder.mkdir()
-    (folder / "status").write_text("connected\n")
-    watch = HotplugWatch("/dev/dri/card0", "HDMI-A-1", tmp_path)
-    assert not watch.changed(1.0)
-    (folder / "status").write_text("disconnected\n")
-    assert not watch.changed(1.2)  # looked at twice a second at most
-    assert watch.changed(1.6) and not watch.changed(2.2)
-    watch.close()
-
-
 @pytest.mark.parametrize(
     ("number", "code"), [(13, "PRJ-MASTER"), (19, "PRJ-LOST"), (22, "PRJ-COMMIT")]
 )
@@ -197,13 +189,16 @@ CRTC, CONNECTOR, MIRROR, PLANE, CURSOR = 40, 50, 51, 60, 61
 class PaperCard:
     """Two connectors on one CRTC, a primary and a cursor plane; keeps what is committed."""
 
-    path = "/dev/dri/card0"
-
-    def __init__(self) -> None:
+    def __init__(self, path: str = "/dev/dri/card0") -> None:
+        self.path, self.closed = path, False
+        self.left: dict[str, int] = {}
         self.commits: list[tuple[dict[int, dict[int, int]], int]] = []
         self.connected: dict[int, bool | None] = {CONNECTOR: False, MIRROR: True}
         self.blobs = 0
         self.lut = True
+
+    def close(self) -> None:
+        self.closed = True
 
     def resources(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         return (CRTC,), (CONNECTOR, MIRROR)
@@ -221,12 +216,13 @@ class PaperCard:
 
     NAMES = (
         "type", "FB_ID", "CRTC_ID", "CRTC_X", "CRTC_Y", "CRTC_W", "CRTC_H", "SRC_X", "SRC_Y",
-        "SRC_W", "SRC_H", "MODE_ID", "ACTIVE", "GAMMA_LUT", "GAMMA_LUT_SIZE",
+        "SRC_W", "SRC_H", "MODE_ID", "ACTIVE", "rotation", "alpha", "DEGAMMA_LUT", "CTM",
+        "GAMMA_LUT", "GAMMA_LUT_SIZE",
     )  # fmt: skip
 
     def properties(self, number: int, kind: int) -> dict[str, Property]:
         values = {"type": {PLANE: 1, CURSOR: 2}.get(number, 0), "CRTC_ID": CRTC}
-        values["GAMMA_LUT_SIZE"] = 256
+        values |= {"GAMMA_LUT_SIZE": 256, "rotation": 1, "alpha": 0xFFFF, **self.left}
         names = self.NAMES if self.lut else self.NAMES[:-2]
         return {
             name: Property(100 + index, values.get(name, 0), {"Primary": 1, "Cursor": 2})
@@ -280,6 +276,30 @@ def test_nothing_else_stays_on_the_screen() -> None:
     assert changes[PLANE][number("SRC_W")] == 1280 << 16
 
 
+def test_what_a_program_before_left_is_undone() -> None:
+    output, card = paper_output()
+    card.left = {"rotation": 4, "alpha": 0x8000}
+    output = Output(card, card.connector(CONNECTOR))  # type: ignore[arg-type]
+    output.switch_on(modeline(HD), 77)
+    changes, _ = card.commits[-1]
+    assert [changes[CRTC][number(name)] for name in ("GAMMA_LUT", "DEGAMMA_LUT", "CTM")] == [0] * 3
+    assert changes[PLANE][number("rotation")] == 1 and changes[PLANE][number("alpha")] == 0xFFFF
+
+
+def test_a_plane_as_it_should_be_is_left_alone() -> None:
+    output, card = paper_output()
+    output.switch_on(modeline(HD), 77)
+    assert not {number("rotation"), number("alpha")} & set(card.commits[-1][0][PLANE])
+
+
+def test_our_own_table_stays_when_the_signal_begins_anew() -> None:
+    output, card = paper_output()
+    output.set_curve(0.5, 1.0)
+    (table,) = card.commits[-1][0][CRTC].values()
+    output.switch_on(modeline(HD), 77)
+    assert card.commits[-1][0][CRTC][number("GAMMA_LUT")] == table != 0
+
+
 def test_a_flip_does_not_block_and_asks_for_its_time() -> None:
     output, card = paper_output()
     output.flip(78)
@@ -294,6 +314,9 @@ def test_modes_set_again_leave_no_blobs_behind() -> None:
         output.switch_on(modeline(HD), 77)
         output.set_curve(0.5, 1.0)
     assert card.blobs == 2
+    output.release()
+    output.release()
+    assert card.blobs == 0
 
 
 def test_a_card_without_a_table_says_so() -> None:
@@ -301,6 +324,62 @@ def test_a_card_without_a_table_says_so() -> None:
     card.lut = False
     output = Output(card, card.connector(CONNECTOR))  # type: ignore[arg-type]
     assert not output.set_curve(0.5, 1.0) and card.commits == []
+
+
+class Cards:
+    """Two cards, of which the first has no display. A display says whether it answers."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.displays = {"/dev/dri/card0": [False, False], "/dev/dri/card1": [False, True]}
+        self.modes = (modeline(HD),)
+        self.opened: list[PaperCard] = []
+        module = "hypermask_drivers.projector.kms_choice.card_paths"
+        monkeypatch.setattr(module, lambda wanted: list(self.displays))
+
+    def open(self, path: str) -> Card:
+        if path not in self.displays:
+            raise DeviceAbsent("PRJ-CARD", "there is no such card", "Plug it.")
+        card = PaperCard(path)
+        card.connected = dict(zip((CONNECTOR, MIRROR), self.displays[path], strict=True))
+        self.opened.append(card)
+        return card  # type: ignore[return-value]
+
+    def choice(self, **settings: Any) -> Choice:
+        return Choice(KmsSettings(**settings), VirtualClock(), self.open)
+
+    def left_open(self) -> list[str]:
+        return [card.path for card in self.opened if not card.closed]
+
+
+@pytest.fixture
+def cards(monkeypatch: pytest.MonkeyPatch) -> Cards:
+    return Cards(monkeypatch)
+
+
+def test_the_card_with_a_display_is_taken_and_the_others_are_let_go(cards: Cards) -> None:
+    assert cards.choice().card().path == "/dev/dri/card1"
+    assert cards.left_open() == ["/dev/dri/card1"]
+
+
+def test_without_any_display_it_is_the_first_card(cards: Cards) -> None:
+    cards.displays["/dev/dri/card1"] = [False, False]
+    assert cards.choice().card().path == "/dev/dri/card0"
+    assert cards.left_open() == ["/dev/dri/card0"]
+
+
+def test_a_display_on_another_connector_than_the_one_asked_for_does_not_count(cards: Cards) -> None:
+    assert cards.choice(connector="HDMI-A-1").card().path == "/dev/dri/card0"
+
+
+def test_after_a_loss_card_and_connector_are_those_from_before(cards: Cards) -> None:
+    choice = cards.choice()
+    card = choice.card()
+    choice.keep(card, choice.connector(card), modeline(HD))
+    cards.displays = {"/dev/dri/card0": [True, True], "/dev/dri/card1": [True, False]}
+    card = choice.card()
+    assert (card.path, choice.connector(card).name) == ("/dev/dri/card1", "DP-1")
+    del cards.displays["/dev/dri/card1"]
+    assert choice.card().path == "/dev/dri/card0"
 
 
 # The device

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from hypermask_drivers.projector import drm_abi as abi
+from hypermask_drivers.projector.gbm import Handle
 
 KNOWN = {
     "DRM_IOCTL_GET_CAP": (abi.GET_CAP, 0xC010640C),
@@ -81,3 +82,20 @@ def test_the_kernels_own_headers_agree(tmp_path: Path) -> None:
     output = subprocess.run([program], check=True, capture_output=True, text=True).stdout
     told = [int(line) for line in output.split()]
     assert dict(zip(wanted, told, strict=True)) == wanted
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+def test_a_buffers_handle_comes_as_c_returns_a_union(tmp_path: Path) -> None:
+    (tmp_path / "bo.c").write_text(
+        "#include <stdint.h>\n"
+        "union gbm_bo_handle { void *ptr; int32_t s32; uint32_t u32; uint64_t u64; };\n"
+        "union gbm_bo_handle get(void *bo) {\n"
+        "    union gbm_bo_handle handle = {.u64 = 0x100000000}; handle.u64 |= (uintptr_t)bo;\n"
+        "    return handle;\n}\n"
+    )
+    library = tmp_path / "bo.so"
+    command = ["gcc", "-shared", "-fPIC", "-o", str(library), str(tmp_path / "bo.c")]
+    subprocess.run(command, check=True)
+    get = ctypes.CDLL(str(library)).get
+    get.restype, get.argtypes = Handle, [ctypes.c_void_p]
+    assert get(7).u64 == 0x100000007

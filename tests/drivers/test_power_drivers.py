@@ -58,6 +58,22 @@ def test_the_calibration_gives_the_step_that_is_used(bench: Bench) -> None:
     assert monitor.calibration == pytest.approx(ideal, rel=2e-3)
 
 
+@pytest.mark.parametrize("kind", CHIPS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("shunt_ohm", [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1])
+@pytest.mark.parametrize("share", [1.0, 0.3, 0.02])
+def test_the_current_is_right_whatever_the_shunt(
+    kind: type[Ina219 | Ina226], shunt_ohm: float, share: float
+) -> None:
+    """share: of the largest current that the chip measures with it, as full scale."""
+    most_a = max(share * kind._shunt_full_v / shunt_ohm, 3.0 if shunt_ohm < 0.005 else 0.5)
+    bench = Bench(kind, shunt_ohm=shunt_ohm, most_a=most_a)
+    bench.monitor.open()
+    for bench.amperes in (0.98 * most_a, -0.7 * most_a):
+        raw = bench.monitor.measure()
+        assert raw.current_a == pytest.approx(bench.amperes, rel=0.01)
+        assert raw.power_w == pytest.approx(12.6 * abs(bench.amperes), rel=0.02)
+
+
 def test_wires_the_other_way_round(bench: Bench) -> None:
     turned = Bench(type(bench.monitor), reversed=True)
     turned.amperes = -2.0

@@ -1,15 +1,17 @@
 """The pan-tilt driver over a real pseudo-terminal, and everything that goes wrong on it."""
 
 import math
+import termios
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.errors import DeviceAbsent, DeviceError, DeviceLost
 from hypermask_drivers.pantilt.ptu import DirectedPerceptionPtu, PtuSettings
-from hypermask_drivers.pantilt.ptu_protocol import Reader
+from hypermask_drivers.pantilt.ptu_protocol import Answer, Reader
 from hypermask_drivers.pantilt.serial_line import SerialLine
 from hypermask_sim.emulators.ptu import PtuData, PtuUnit
 from hypermask_sim.emulators.ptu_line import PtuLine
@@ -26,7 +28,16 @@ class Bench:
         chosen = PtuSettings.model_validate(
             {"device": str(folder / "ptu"), "silence_s": 0.15, **settings}
         )
+        self.settings = chosen
         self.ptu = DirectedPerceptionPtu(chosen, self.clock, self.line.connect)
+
+    def next_process(self) -> DirectedPerceptionPtu:
+        """Opens the unit and knows nothing of what was before; the first one was killed."""
+        assert self.ptu._line is not None
+        self.ptu._line.close()
+        self.ptu = DirectedPerceptionPtu(self.settings, self.clock, self.line.connect)
+        self.ptu.open()
+        return self.ptu
 
     def wait(self, seconds: float) -> None:
         self.line.catch_up()
@@ -194,6 +205,52 @@ def test_something_else_on_the_line_is_no_pan_tilt_unit(bench: Bench) -> None:
     assert caught.value.code == "PTU-STRANGE" and "OK" in caught.value.what
 
 
+@pytest.mark.parametrize("late", ["* 185.1428\r\n", "* 5\r\n"])
+def test_two_answers_at_once_are_asked_for_again(bench: Bench, late: str) -> None:
+    """The answer to an earlier question came late."""
+    answer, before = bench.unit._axis_command, [late]
+
+    def doubled(*command: Any) -> str:
+        late_one = before.pop() if before and command[:2] == ("P", "R") else ""
+        return late_one + answer(*command)
+
+    bench.unit._axis_command = doubled  # type: ignore[method-assign]
+    bench.ptu.open()
+    assert bench.unit.heard.count("PR") == 2
+    assert bench.ptu.limits.pan_rad == pytest.approx((-3090 * STEP_RAD, 3090 * STEP_RAD))
+
+
+def test_what_came_too_late_is_not_the_next_answer(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask, late = DirectedPerceptionPtu._ask, []
+
+    def slowly(ptu: DirectedPerceptionPtu, *commands: str, share: float = 1.0) -> list[Answer]:
+        answers = ask(ptu, *commands, share=share)
+        if commands == ("pn",) and not late:
+            late.append(answers)
+            bench.unit.intrude("* -9 ", bench.clock.now())  # its end is lost in noise
+            bench.line.settle()
+            raise TimeoutError
+        return answers
+
+    monkeypatch.setattr(DirectedPerceptionPtu, "_ask", slowly)
+    bench.ptu.open()
+    assert bench.ptu.limits.pan_rad[0] == pytest.approx(-3090 * STEP_RAD)
+
+
+def test_a_converter_that_vanishes_while_it_is_set_up_is_absent(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def vanish(*_: object) -> None:
+        raise termios.error(5, "Input/output error")
+
+    monkeypatch.setattr(termios, "tcsetattr", vanish)
+    with pytest.raises(DeviceAbsent) as caught:
+        bench.ptu.open()
+    assert caught.value.code == "PTU-ABSENT"
+
+
 def test_a_line_in_use_says_so(bench: Bench) -> None:
     other = SerialLine(str(bench.line.link), 9600)
     with pytest.raises(DeviceAbsent) as caught:
@@ -235,6 +292,16 @@ def test_the_halt_is_heard_where_only_the_way_back_is_broken(bench: Bench) -> No
     assert bench.unit.heard[-1] == "H"
 
 
+def test_the_halt_is_heard_after_a_command_that_broke_off(bench: Bench) -> None:
+    ptu = bench.ready()
+    ptu.move(1.0, 0.0, 0.5)
+    assert ptu._line is not None
+    ptu._line.write(b"pp12")
+    ptu.close()
+    bench.line.catch_up()
+    assert bench.unit.heard[-1] == "H"
+
+
 @pytest.mark.parametrize("fault", ["garble", "halve"])
 def test_one_spoilt_answer_is_asked_for_again(bench: Bench, fault: str) -> None:
     ptu = bench.ready()
@@ -265,6 +332,60 @@ def test_a_limit_hit_costs_the_zero(bench: Bench) -> None:
     bench.line.settle()
     state = ptu.read()
     assert state.limit_hits == 1 and not state.homed
+
+
+def test_the_next_process_finds_the_zero_that_the_unit_kept(bench: Bench) -> None:
+    bench.ready().move(0.4, 0.1, 1.0)
+    bench.wait(2.0)
+    state = bench.next_process().read()
+    assert state.homed and state.pan_rad == pytest.approx(0.4, abs=STEP_RAD)
+
+
+def test_the_next_process_does_not_believe_a_unit_that_was_never_homed(bench: Bench) -> None:
+    bench.ptu.open()
+    assert not bench.ptu.read().homed
+    assert not bench.next_process().read().homed
+
+
+def test_the_next_process_does_not_believe_one_that_was_without_power(bench: Bench) -> None:
+    bench.ready()
+    bench.unit.power_cycle(bench.clock.now())
+    bench.wait(4.0)
+    assert not bench.next_process().read().homed
+    assert not bench.next_process().read().homed  # though its echo is off now
+
+
+def test_the_next_process_does_not_believe_one_that_hit_a_limit(bench: Bench) -> None:
+    ptu = bench.ready()
+    bench.unit.intrude("!P", bench.clock.now())
+    bench.line.settle()
+    assert not ptu.read().homed
+    assert not bench.next_process().read().homed
+
+
+def test_the_next_process_does_not_believe_a_reset_that_nobody_saw_end(bench: Bench) -> None:
+    bench.ready().home()
+    bench.wait(3.1)
+    assert not bench.next_process().read().homed
+
+
+def test_a_limit_hit_just_before_a_loss_is_not_forgotten(bench: Bench) -> None:
+    ptu = bench.ready()
+    bench.unit.intrude("!P", bench.clock.now())
+    bench.line.settle()
+    ptu.move(0.1, 0.0, 1.0)  # hears of it
+    ptu.close()
+    ptu.open()
+    assert not ptu.read().homed and not bench.next_process().read().homed
+
+
+def test_a_reset_that_finds_no_zero_is_over(bench: Bench) -> None:
+    bench.ptu.open()
+    bench.unit.jam()
+    bench.ptu.home()
+    bench.wait(3.1)
+    states = [bench.ptu.read() for _ in range(2)]
+    assert not states[-1].homed and not states[-1].moving
 
 
 def test_homing_that_never_ends_is_given_up(bench: Bench) -> None:

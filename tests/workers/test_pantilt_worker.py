@@ -13,6 +13,7 @@ from hypermask.workers.board import Board
 from hypermask.workers.pantilt import PERIOD_S, PanTiltWorker
 from hypermask_drivers.clock import VirtualClock
 from hypermask_drivers.pantilt.ptu import DirectedPerceptionPtu, PtuSettings
+from hypermask_drivers.pantilt.serial_line import SerialLine
 from hypermask_sim.emulators.ptu import PtuData, PtuUnit
 from hypermask_sim.emulators.ptu_line import PtuLine
 
@@ -20,19 +21,35 @@ from hypermask_sim.emulators.ptu_line import PtuLine
 class Stage:
     """The worker, the driver, a pty, and an emulated unit that answers at once."""
 
-    def __init__(self, folder: Path, settings: NeckSettings | None = None) -> None:
+    def __init__(
+        self, folder: Path, settings: NeckSettings | None = None, alone: bool = False
+    ) -> None:
         self.clock = VirtualClock(100.0)
         self.unit = PtuUnit(PtuData(baud=None, homing_s=2.0))
         self.line = PtuLine(self.unit, self.clock, folder / "ptu")
         self.line.plug()
         wiring = PtuSettings(device=str(folder / "ptu"), silence_s=0.15)
-        ptu = DirectedPerceptionPtu(wiring, self.clock, self.line.connect)
+        self.connects = 0
+        self.ptu = DirectedPerceptionPtu(wiring, self.clock, self._connect)
         self.board = Board.local()
         self.told: list[str] = []
-        self.worker = PanTiltWorker(ptu, self.board, self.clock, self._report, settings)
+        self.worker = PanTiltWorker(self.ptu, self.board, self.clock, self._report, settings, alone)
         self.neck: Record = new_neck(self.clock.now())
         self.master = True
         self.places: list[tuple[float, float, float]] = []
+
+    def _connect(self, path: str, baud: int) -> SerialLine:
+        self.connects += 1
+        return self.line.connect(path, baud)
+
+    def restart(self, alone: bool = False) -> None:
+        """Another process in the place of this one, which was killed."""
+        assert self.ptu._line is not None
+        self.ptu._line.close()
+        self.ptu = DirectedPerceptionPtu(self.ptu.settings, self.clock, self._connect)
+        self.worker = PanTiltWorker(
+            self.ptu, self.board, self.clock, self._report, self.worker.settings, alone
+        )
 
     def _report(self, time_s: float, code: str, text: str) -> None:
         self.told.append(code)
@@ -98,6 +115,41 @@ def test_it_does_not_home_without_a_master(stage: Stage) -> None:
     stage.master = False
     stage.run(3.0)
     assert stage.state == "halted" and "R" not in stage.unit.heard
+
+
+def test_alone_it_homes_and_parks(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, NeckSettings(park_deg=(20.0, 10.0)), alone=True)
+    stage.master = False
+    stage.run(12.0)
+    assert stage.state == "parked" and stage.unit.heard.count("R") == 1
+    assert stage.axes() == pytest.approx((0.349, 0.1745), abs=1e-3)
+    stage.worker.stop()
+    stage.line.close()
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_unit_that_kept_its_zero_is_not_homed_by_the_next_process(
+    homed: Stage, alone: bool
+) -> None:
+    homed.order("look", look=(0.5, 0.0))
+    homed.run(2.0)
+    homed.master = not alone
+    homed.restart(alone)
+    homed.run(8.0)
+    assert homed.unit.heard.count("R") == 1
+    assert homed.axes()[0] == pytest.approx(0.0 if alone else 0.5, abs=1e-3)
+
+
+def test_a_reset_that_finds_no_zero_is_told_once_and_tried_again(stage: Stage) -> None:
+    stage.unit.jam()
+    stage.run(3.0)
+    assert stage.state == "halted" and stage.told == ["NECK-HOME"]
+    stage.unit.jam()
+    stage.run(10.0)
+    assert stage.unit.heard.count("R") == 2 and stage.told == ["NECK-HOME"]
+    stage.run(16.0)
+    assert stage.state == "still" and stage.head["homed"]
+    assert stage.unit.heard.count("R") == 3 and stage.told == ["NECK-HOME"]
 
 
 def test_it_looks_where_it_is_told(homed: Stage) -> None:
@@ -231,3 +283,13 @@ def test_stopping_halts(homed: Stage) -> None:
     homed.worker.stop()
     homed.line.catch_up()
     assert homed.unit.heard[-1] == "H"
+
+
+def test_stopping_does_not_seek_a_unit_that_is_lost(homed: Stage) -> None:
+    """It would take seconds, and the service has less than one to end."""
+    homed.unit.fall_silent(until_s=1e9)
+    homed.run(3.5)
+    before = homed.connects
+    homed.clock.sleep_until(homed.clock.now() + 2.0)
+    homed.worker.stop()
+    assert homed.connects == before

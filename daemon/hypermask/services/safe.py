@@ -19,7 +19,8 @@ def build(rig: Rig) -> Loop:
 
 class SafeLoop:
     """Owns what it can get of projector and pan-tilt unit. The head is parked because nobody
-    orders it: its worker sees an empty blackboard of its own."""
+    orders it: its worker sees an empty blackboard of its own, and first finds the zero where the
+    unit does not know it."""
 
     def __init__(self, rig: Rig) -> None:
         self._clock = rig.clock
@@ -32,7 +33,9 @@ class SafeLoop:
         self._head = (
             None
             if head is None
-            else PanTiltWorker(head, Board.local(), rig.clock, rig.report, rig.machine.neck)
+            else PanTiltWorker(
+                head, Board.local(), rig.clock, rig.report, rig.machine.neck, alone=True
+            )
         )
         self._dark_s = -float("inf")
 

@@ -25,10 +25,14 @@ from hypermask_drivers.pantilt import PanTilt, PanTiltState
 PERIOD_S = 0.05
 """How often `step` should be called: a unit at 9600 baud cannot follow much faster."""
 _LATE_S = 1.0
+_HOME_AGAIN_S = 10.0
 
 
 class PanTiltWorker:
-    """Owns the pan-tilt unit; reads `Board.neck`, writes `Board.head` at every step."""
+    """Owns the pan-tilt unit; reads `Board.neck`, writes `Board.head` at every step.
+
+    alone: there will be no master, so it finds the zero by itself, to park.
+    """
 
     def __init__(
         self,
@@ -37,8 +41,10 @@ class PanTiltWorker:
         clock: Clock,
         report: Report,
         settings: NeckSettings | None = None,
+        alone: bool = False,
     ) -> None:
         self.head = Kept(head, "pantilt", clock, report)
+        self._alone = alone
         self._board, self._clock, self._report = board, clock, report
         self.settings = settings or NeckSettings()
         self._record = np.zeros((), HEAD)
@@ -47,7 +53,8 @@ class PanTiltWorker:
         self._order: int | None = None
         self._silent_s: float | None = None
         self._stepped_s: float | None = None
-        self._homing = False
+        self._homing = self._home_failed = False
+        self._home_s = -math.inf  # when it may be homed again
         self.compute_s: deque[float] = deque(maxlen=KEPT)
 
     def step(self) -> bool:
@@ -68,8 +75,8 @@ class PanTiltWorker:
         return f"the head is {self._record['state'].item().decode()}"
 
     def stop(self) -> None:
-        """Halt, and let go of the unit."""
-        if self.head.ready():
+        """Halt, and let go of the unit; one that is lost is not sought again for that."""
+        if self.head.is_ready:
             self.head.use(lambda head: head.halt())
         self.head.device.close()
 
@@ -77,7 +84,7 @@ class PanTiltWorker:
         if self._record["ready"]:
             self._record["losses"] += 1
         self._forget()
-        self._homing = False
+        self._homing, self._home_s = False, -math.inf
         self._record["state"] = b"absent"
 
     def _forget(self) -> None:
@@ -85,15 +92,15 @@ class PanTiltWorker:
 
     def _turn(self, state: PanTiltState, now_s: float) -> None:
         self._notice_limits(state)
+        self._notice_zero(state, now_s)
         neck = self._listen(now_s)
         if neck is None and self._silent_s == now_s:
             self._halt(b"halted")
         elif not state.homed:
-            self._find_zero(neck is not None)
+            self._find_zero(neck is not None or self._alone, now_s)
         elif neck is None:
             self._park(state, now_s)
         else:
-            self._homing = False
             self._obey(neck, state, now_s)
 
     def _notice_limits(self, state: PanTiltState) -> None:
@@ -103,6 +110,21 @@ class PanTiltWorker:
             )
             self._forget()
         self._record["limit_hits"] = state.limit_hits
+
+    def _notice_zero(self, state: PanTiltState, now_s: float) -> None:
+        """A reset that ended without a zero is told once, and tried again after a while."""
+        if state.homed:
+            self._homing = self._home_failed = False
+        elif self._homing and not state.moving:
+            self._homing, self._home_s = False, now_s + _HOME_AGAIN_S
+            if not self._home_failed:
+                self._report(
+                    now_s,
+                    "NECK-HOME",
+                    "The head did not find its zero; look whether something blocks it. "
+                    f"It tries again every {_HOME_AGAIN_S:.0f} s.",
+                )
+            self._home_failed = True
 
     # --- the master -----------------------------------------------------------------------
 
@@ -130,9 +152,9 @@ class PanTiltWorker:
         self._record["halts"] += 1
         self.head.use(lambda head: head.halt())
 
-    def _find_zero(self, master: bool) -> None:
-        """Only while somebody is in charge: a reset swings the head through all its range."""
-        if master and not self._homing:
+    def _find_zero(self, allowed: bool, now_s: float) -> None:
+        """allowed: somebody is in charge, as a reset swings the head through all its range."""
+        if allowed and not self._homing and now_s >= self._home_s:
             self._homing = self.head.use(lambda head: head.home() or True) is not None
         self._record["state"] = b"homing" if self._homing else b"halted"
 

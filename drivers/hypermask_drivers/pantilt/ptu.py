@@ -4,6 +4,11 @@ Commands are those of the PTU-D46 User's Manual 2.14, section 4. The units have 
 their own and keep going to their last target when the host dies: whoever moves the head sends
 targets that are near (see `hypermask.workers.pantilt`). A unit that does not answer within
 `silence_s` is sent a halt and given up.
+
+Whether its zero is known is kept in the unit itself: this driver makes it terse (FT) once it is
+homed, and verbose (FV) as soon as the zero is in doubt. Power-up turns its echo on, which this
+driver turns off. So a unit without echo that answers tersely has kept its zero, whichever process
+homed it, and need not swing through its range again.
 """
 
 from __future__ import annotations
@@ -12,7 +17,7 @@ import contextlib
 import errno
 import time
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, NoReturn
 
 from pydantic import Field
 
@@ -27,6 +32,7 @@ from hypermask_drivers.pantilt.serial_line import SerialLine
 from hypermask_drivers.settings import Settings
 
 _QUIET_S = 0.03
+_SENTENCE_BITS = 500  # of a verbose answer on the line
 _OPEN_TRIES = 3
 
 
@@ -51,8 +57,7 @@ class PtuSettings(Settings):
 class DirectedPerceptionPtu(Hardware, PanTilt):
     """`restarted` says whether the unit may have come from power-up when it was opened.
 
-    Such a unit has its echo on, which this driver turns off; it does not know where it stands. One
-    that was found silent is taken for such a unit too.
+    Such a unit does not know where it stands. One that was found silent is taken for one too.
     """
 
     code, noun = "PTU", "pan-tilt unit"
@@ -73,7 +78,7 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         self._reader = Reader()
         self._axes: tuple[Axis, ...] = ()
         self._homing_s: float | None = None  # clock time when homing began
-        self._homed = False
+        self._homed = self._terse = False
         self._limit_hits = 0
         self._targets: tuple[int, ...] | None = None
         self._speed: tuple[int, ...] = ()
@@ -101,11 +106,11 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         try:
             self._greet()
             self.restarted |= unsure
+            self._homed = self._kept_its_zero()
             self._axes = self._survey()
         except OSError as error:
             self._absent("ABSENT", f"the {self.noun} vanished ({plain(error)})", "Check its cable.")
         self._homing_s, self._targets, self._speed, self._limit_hits = None, None, (), 0
-        self._homed = self._homed and not self.restarted
         self._unsure = False
         self._state = DeviceState.READY
 
@@ -122,7 +127,7 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         )
 
     def _greet(self) -> None:
-        """Halt at once, whatever it was doing; then terse, without echo, in position mode."""
+        """Halt at once, whatever it was doing; then without echo, in position mode."""
         assert self._line is not None
         self._reader.clear()
         self._line.write(b"\rh ")
@@ -130,7 +135,7 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         # A unit that still repeats what it is sent has forgotten that it was told not to.
         self.restarted = b"h" in heard.lower().split(b"*")[0]
         for _ in range(_OPEN_TRIES):
-            self._line.write(b"ed ft ci i le ")
+            self._line.write(b"ed ci i le ")
             heard += self._drain(self.settings.silence_s)
             if b"*" in heard:
                 return
@@ -149,6 +154,13 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
             heard, wait_s = heard + data, _QUIET_S
         self._reader.feed(heard + b"\n")
         return heard
+
+    def _kept_its_zero(self) -> bool:
+        """By its terse answer; where firmware knows none, as far as this driver remembers."""
+        doubted = self._terse and not self._homed
+        self._terse = False
+        self._terse = self._answer("pp").terse
+        return not self.restarted and not doubted and (self._terse or self._homed)
 
     def _survey(self) -> tuple[Axis, ...]:
         axes = []
@@ -176,20 +188,21 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         return tuple(axes)
 
     def _number(self, query: str) -> float:
-        """Asked again when noise spoiled it, as it does after power-up."""
-        answer = Answer(False, "nothing")
-        for _ in range(_OPEN_TRIES):
-            try:
-                (answer,) = self._ask(query)
-            except TimeoutError:
-                continue
-            if answer.number is not None:
-                return answer.number
-            self._drain(_QUIET_S)
-        self._strange(answer.text)
-        return 0.0
+        return self._answer(query).number or 0.0
 
-    def _strange(self, text: str) -> None:
+    def _answer(self, query: str) -> Answer:
+        """One with a number, asked again when noise spoiled it, as it does after power-up."""
+        said = "nothing"
+        for _ in range(_OPEN_TRIES):
+            with contextlib.suppress(TimeoutError):
+                *others, answer = self._ask(query)
+                if answer.number is not None and not others:
+                    return answer
+                said = answer.text
+            self._drain(_QUIET_S)
+        return self._strange(said)
+
+    def _strange(self, text: str) -> NoReturn:
         self._absent(
             "STRANGE",
             f"what answers at {self.place} is no {self.noun} (it said: {plain(text)[:60]})",
@@ -200,7 +213,7 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         line, self._line = self._line, None
         if line is not None:
             with contextlib.suppress(Exception):
-                line.write(b"h ")
+                line.write(b"\rh ")  # also after a command that broke off
             line.close()
 
     # --- asking ---------------------------------------------------------------------------
@@ -213,7 +226,8 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         self._drop_late()
         self._line.write(text.encode("ascii"))
         answers: list[Answer] = []
-        allowed_s = share * self.settings.silence_s + 20.0 * len(text) / self.settings.baud
+        bits = 20 * len(text) + (0 if self._terse else _SENTENCE_BITS * len(commands))
+        allowed_s = share * self.settings.silence_s + bits / self.settings.baud
         end_s = time.monotonic() + allowed_s
         while len(answers) < len(commands):
             data = self._line.read(max(0.0, end_s - time.monotonic()))
@@ -275,15 +289,15 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
 
     def home(self) -> None:
         self._tell("h")
+        self._homed = False
+        self._mark_zero()
         assert self._line is not None
         try:
             self._drop_late()
             self._line.write(b"r ")
         except OSError as error:
             self._vanished(error)
-        self._homing_s, self._homed, self._targets, self._speed = (
-            self._clock.now(), False, None, ()
-        )  # fmt: skip
+        self._homing_s, self._targets, self._speed = self._clock.now(), None, ()
 
     def move(self, pan_rad: float, tilt_rad: float, speed_rad_s: float) -> None:
         """Raises `DeviceError` PTU-HOMING while the zero is sought, PTU-REFUSED."""
@@ -322,9 +336,16 @@ class DirectedPerceptionPtu(Hardware, PanTilt):
         if self._homing():
             return self._state_of(self._last, True)
         position = self._positions()
+        self._mark_zero()
         goal = self._last if self._targets is None else self._targets
         self._last = position
         return self._state_of(position, position != goal)
+
+    def _mark_zero(self) -> None:
+        """Terse while the zero is known, for whoever opens the unit next."""
+        if self._terse != self._homed:
+            self._tell("ft" if self._homed else "fv")
+            self._terse = self._homed
 
     def _positions(self) -> tuple[int, ...]:
         numbers = [answer.number for answer in self._tell("pp", "tp")]

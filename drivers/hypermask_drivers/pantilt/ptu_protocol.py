@@ -31,6 +31,11 @@ class Answer:
         found = _NUMBER.search(self.text) if self.good else None
         return float(found[0]) if found else None
 
+    @property
+    def terse(self) -> bool:
+        """Whether the result is a value and nothing else."""
+        return self.good and _NUMBER.fullmatch(self.text) is not None
+
 
 class Reader:
     """Bytes in, answers out. Limit hits, echoes and whatever else comes are kept apart."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import select
+import termios
 from typing import Any
 
 from hypermask_drivers.hardware import needed
@@ -15,9 +16,13 @@ class SerialLine:
     def __init__(self, path: str, baud: int) -> None:
         """Raises `DeviceAbsent` DRV-MODULE, or `OSError` when it cannot be opened."""
         serial = needed("serial", "python3-serial")
-        self._port: Any = serial.Serial(
-            path, baud, timeout=0, write_timeout=0.5, exclusive=True, xonxoff=False, rtscts=False
-        )
+        try:
+            self._port: Any = serial.Serial(
+                path, baud, timeout=0, write_timeout=0.5, exclusive=True,
+                xonxoff=False, rtscts=False,
+            )  # fmt: skip
+        except termios.error as error:  # it vanished while it was set up: no `OSError`
+            raise OSError(*error.args) from error
 
     def write(self, data: bytes) -> None:
         self._port.write(data)

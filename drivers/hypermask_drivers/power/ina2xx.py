@@ -45,6 +45,7 @@ class _Ina2xx(I2cHardware, Power):
     code, noun = "PWR", "battery monitor"
     chip: ClassVar[str]
     _scale: ClassVar[float]  # of the calibration register
+    _most: ClassVar[int]  # what that register holds
     _watts: ClassVar[float]  # power step, in current steps
     _shunt_full_v: ClassVar[float]
 
@@ -61,14 +62,16 @@ class _Ina2xx(I2cHardware, Power):
 
     @property
     def current_step_a(self) -> float:
-        """The chip's current register counts in these: full scale over 15 bits."""
-        return self.settings.most_a / 2**15
+        """The chip's current register counts in these. Full scale over 15 bits or, where the
+        calibration is at its most, coarser: a small shunt."""
+        return self._scale / (self.calibration * self.settings.shunt_ohm)
 
     @property
     def calibration(self) -> int:
         """Both chips ignore the lowest bit of the INA219's, so it stays clear."""
-        value = int(self._scale / (self.current_step_a * self.settings.shunt_ohm))
-        return min(value, 0xFFFE) & ~1
+        wanted_step_a = self.settings.most_a / 2**15
+        value = int(self._scale / (wanted_step_a * self.settings.shunt_ohm))
+        return min(value, self._most) & ~1
 
     def _begin(self) -> None:
         if self.settings.most_a * self.settings.shunt_ohm > self._shunt_full_v * 1.001:
@@ -117,7 +120,7 @@ class Ina219(_Ina2xx):
     """The bus register counts 4 mV from bit 3 on; bit 0 says that the mathematics overflowed."""
 
     chip = "INA219"
-    _scale, _watts, _shunt_full_v = 0.04096, 20.0, 0.32
+    _scale, _most, _watts, _shunt_full_v = 0.04096, 0xFFFE, 20.0, 0.32
 
     def _configuration(self) -> int:
         """32 V range (bit 13), shunt gain by its full scale (bits 12:11), 12 bit of 128 averages
@@ -137,10 +140,10 @@ class Ina219(_Ina2xx):
 
 
 class Ina226(_Ina2xx):
-    """The bus register counts 1.25 mV."""
+    """The bus register counts 1.25 mV; the calibration register has 15 bits."""
 
     chip = "INA226"
-    _scale, _watts, _shunt_full_v = 0.00512, 25.0, 0.08192
+    _scale, _most, _watts, _shunt_full_v = 0.00512, 0x7FFF, 25.0, 0.08192
 
     def _identify(self) -> None:
         if self._read_word(MANUFACTURER) != 0x5449 or self._read_word(DIE) >> 4 != 0x226:

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from hypermask_drivers.errors import DeviceAbsent, DeviceError, DeviceLost
 from hypermask_drivers.projector import drm_abi as abi
-from hypermask_drivers.projector.kms_console import HotplugWatch
+from hypermask_drivers.projector.kms_hotplug import HotplugWatch
 
 Argument = TypeVar("Argument", bound=Structure)
 
@@ -118,9 +118,15 @@ class Card:
         answer = self.call(abi.GET_CAP, abi.Capability(abi.CAP_TIMESTAMP_MONOTONIC, 0))
         return bool(answer.value)
 
-    def watch(self, connector: str) -> HotplugWatch:
+    def watch(self, connector: Connector) -> HotplugWatch:
         """Tells when the connector's display comes or goes."""
-        return HotplugWatch(self.path, connector)
+
+        def probe() -> bool:
+            self.connector(connector.number)
+            link = self.properties(connector.number, abi.OBJECT_CONNECTOR).get("link-status")
+            return link is not None and link.value == link.names.get("Bad")
+
+        return HotplugWatch(self.path, connector.name, connector.number, probe)
 
     # What there is
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from hypermask_drivers.errors import ConfigError
 from hypermask_drivers.projector import drm_abi as abi
@@ -16,6 +17,30 @@ _SYNC = {
     "+hsync": abi.FLAG_PHSYNC, "-hsync": abi.FLAG_NHSYNC,
     "+vsync": abi.FLAG_PVSYNC, "-vsync": abi.FLAG_NVSYNC,
 }  # fmt: skip
+
+
+_LARGEST, _FASTEST_HZ, _FASTEST_MHZ = 16384, 1000.0, 4000.0
+
+
+class Size(NamedTuple):
+    """A size in pixels, and a rate where one was asked for."""
+
+    width: int
+    height: int
+    rate_hz: float | None
+
+
+def parse(text: str) -> Size | abi.ModeInfo:
+    """What "1280x720", "1280x720@60" or a modeline mean. Raises `ConfigError` PRJ-MODE."""
+    found = _SIZE.fullmatch(text.strip())
+    if found is None:
+        return modeline(text)
+    size = Size(int(found[1]), int(found[2]), float(found[3]) if found[3] else None)
+    if not (8 <= size.width <= _LARGEST and 1 <= size.height <= _LARGEST):
+        raise _wrong(text)
+    if size.rate_hz is not None and not 1 <= size.rate_hz <= _FASTEST_HZ:
+        raise _wrong(text)
+    return size
 
 
 def rate_hz(mode: abi.ModeInfo) -> float:
@@ -29,7 +54,7 @@ def rate_hz(mode: abi.ModeInfo) -> float:
 def choose(modes: Sequence[abi.ModeInfo], wanted: str | None, forced: bool) -> abi.ModeInfo | None:
     """The mode to use of those that the display offers.
 
-    wanted: "1280x720", "1280x720@60", a modeline, or None for the display's preferred one.
+    wanted: as `parse` takes it, or None for the display's preferred one.
     forced: whether a mode that it does not offer is computed. None: it has none that fits.
     Raises `ConfigError` PRJ-MODE for a text that is no mode.
     """
@@ -37,11 +62,10 @@ def choose(modes: Sequence[abi.ModeInfo], wanted: str | None, forced: bool) -> a
     if wanted is None:
         preferred = [mode for mode in progressive if mode.type & abi.TYPE_PREFERRED]
         return next(iter([*preferred, *progressive]), None)
-    size = _SIZE.fullmatch(wanted.strip())
-    if size is None:
-        return modeline(wanted)
-    width, height = int(size[1]), int(size[2])
-    rate = float(size[3]) if size[3] else None
+    asked = parse(wanted)
+    if isinstance(asked, abi.ModeInfo):
+        return asked
+    width, height, rate = asked
     fitting = [
         mode
         for mode in progressive
@@ -53,6 +77,19 @@ def choose(modes: Sequence[abi.ModeInfo], wanted: str | None, forced: bool) -> a
     return reduced_blanking(width, height, rate or 60.0) if forced else None
 
 
+def like(modes: Sequence[abi.ModeInfo], earlier: abi.ModeInfo, forced: bool) -> abi.ModeInfo | None:
+    """The mode of an earlier one's size, and of the nearest rate. forced: as in `choose`."""
+    size, rate = (earlier.hdisplay, earlier.vdisplay), rate_hz(earlier)
+    same = [
+        mode
+        for mode in modes
+        if (mode.hdisplay, mode.vdisplay) == size and not mode.flags & abi.FLAG_INTERLACE
+    ]
+    if same:
+        return min(same, key=lambda mode: abs(rate_hz(mode) - rate))
+    return reduced_blanking(*size, rate or 60.0) if forced else None
+
+
 def modeline(text: str) -> abi.ModeInfo:
     """'clock_MHz h hs he ht v vs ve vt [+hsync|-hsync] [+vsync|-vsync]'. Raises PRJ-MODE."""
     words = text.split()
@@ -61,9 +98,10 @@ def modeline(text: str) -> abi.ModeInfo:
         clock, *times = (float(word) for word in words if word[0] not in "+-")
         h, hs, he, ht, v, vs, ve, vt = (int(time) for time in times)
         sync = sum(_SYNC[flag] for flag in flags)
-    except (ValueError, KeyError, IndexError):
+    except (ValueError, OverflowError, KeyError, IndexError):
         raise _wrong(text) from None
-    if not (0 < h <= hs < he <= ht and 0 < v <= vs < ve <= vt and clock > 0):
+    ordered = 0 < h <= hs < he <= ht < 1 << 16 and 0 < v <= vs < ve <= vt < 1 << 16
+    if not (ordered and 0 < clock <= _FASTEST_MHZ):
         raise _wrong(text)
     return _mode(clock * 1000, (h, hs, he, ht), (v, vs, ve, vt), sync)
 

@@ -20,6 +20,12 @@ _SCANOUT, _RENDERING = 1, 4
 _REMEDY = "Install the packages libgbm1 and libgl1-mesa-dri, or the GPU's own driver."
 
 
+class Handle(ctypes.Structure):
+    """union gbm_bo_handle: 32-bit ARM returns it otherwise than a number of 64 bits."""
+
+    _fields_ = (("u64", c_uint64),)
+
+
 @cache
 def _gbm() -> ctypes.CDLL:
     """libgbm with its signatures. Raises `DeviceAbsent` GPU-GBM."""
@@ -36,7 +42,7 @@ def _gbm() -> ctypes.CDLL:
         "gbm_surface_destroy": (None, [c_void_p]),
         "gbm_surface_lock_front_buffer": (c_void_p, [c_void_p]),
         "gbm_surface_release_buffer": (None, [c_void_p, c_void_p]),
-        "gbm_bo_get_handle": (c_uint64, [c_void_p]),  # a union of 64 bits
+        "gbm_bo_get_handle": (Handle, [c_void_p]),
         "gbm_bo_get_stride": (c_uint32, [c_void_p]),
     }
     for name, (result, arguments) in signatures.items():
@@ -90,9 +96,8 @@ class Screen:
             raise DeviceError(
                 "GPU-SWAP", "the GPU's driver gives no finished picture", "Restart the program."
             )
-        return Front(
-            buffer, _gbm().gbm_bo_get_handle(buffer) & 0xFFFFFFFF, _gbm().gbm_bo_get_stride(buffer)
-        )
+        handle = _gbm().gbm_bo_get_handle(buffer).u64 & 0xFFFFFFFF
+        return Front(buffer, handle, _gbm().gbm_bo_get_stride(buffer))
 
     def give_back(self, front: Front) -> None:
         _gbm().gbm_surface_release_buffer(self._surface, front.buffer)

@@ -21,14 +21,12 @@ from hypermask_drivers.errors import ConfigError, DeviceAbsent, DeviceError, Dev
 from hypermask_drivers.projector import Projector, ProjectorMode
 from hypermask_drivers.projector import drm_abi as abi
 from hypermask_drivers.projector.drm_card import RETRIED, Card, Flip, commit_error
-from hypermask_drivers.projector.drm_modes import choose, rate_hz
+from hypermask_drivers.projector.drm_modes import rate_hz
 from hypermask_drivers.projector.gbm import Front, Screen
-from hypermask_drivers.projector.kms_console import (
-    HotplugWatch,
-    force_connector,
-    silence_console,
-)
-from hypermask_drivers.projector.kms_output import Output, card_paths, find_connector
+from hypermask_drivers.projector.kms_choice import Choice
+from hypermask_drivers.projector.kms_console import force_connector, silence_console
+from hypermask_drivers.projector.kms_hotplug import HotplugWatch
+from hypermask_drivers.projector.kms_output import Output
 
 if TYPE_CHECKING:
     from hypermask_drivers.projector.kms_settings import KmsSettings
@@ -58,7 +56,8 @@ class KmsProjector(Projector):
         super().__init__()
         self.settings = settings or _default_settings()
         self._clock = clock or RealClock()
-        self._open_path, self._make_screen = open_card, make_screen
+        self._choice = Choice(self.settings, self._clock, open_card)
+        self._make_screen = make_screen
         self._card: Card | None = None
         self._screen: Screen | None = None
         self._output: Output | None = None
@@ -77,8 +76,7 @@ class KmsProjector(Projector):
 
     def open(self) -> None:
         """Raises `DeviceAbsent` PRJ-CARD, PRJ-RIGHTS, PRJ-MASTER, PRJ-ATOMIC, PRJ-PLUG, PRJ-ROUTE,
-        PRJ-ABSENT (no display answers), PRJ-SIZE (it has no such mode), GPU-*; `ConfigError`
-        PRJ-MODE."""
+        PRJ-ABSENT (no display answers), PRJ-SIZE (it has no such mode), PRJ-MODE, GPU-*."""
         if self._state is DeviceState.READY:
             return
         self._state = DeviceState.OPENING
@@ -90,7 +88,7 @@ class KmsProjector(Projector):
             raise _absent(commit_error(error)) from error
         except (DeviceError, ConfigError) as error:
             self._fail(error.code)
-            if isinstance(error, DeviceLost):
+            if isinstance(error, DeviceLost | ConfigError):
                 raise _absent(error) from error
             raise
         self._missed = 0
@@ -106,29 +104,13 @@ class KmsProjector(Projector):
         if self._card is not None:
             self._card.take_master()
             return
-        paths = card_paths(self.settings.card)
-        problem: DeviceError = DeviceAbsent("PRJ-CARD", "there is no display card", RETRIED)
-        for path in paths:
-            try:
-                card = self._open_path(path)
-            except DeviceAbsent as error:
-                problem = error
-                continue
-            try:
-                find_connector(card, self.settings.connector)
-            except (DeviceAbsent, OSError) as error:
-                problem = error if isinstance(error, DeviceAbsent) else problem
-                card.close()
-                continue
-            self._card = card
-            return
-        raise problem
+        self._card = self._choice.card()
 
     def _start(self) -> None:
         """The mode, the buffers and a first black picture."""
         card = self._card
         assert card is not None
-        connector = find_connector(card, self.settings.connector)
+        connector = self._choice.connector(card)
         if connector.connected is False and self.settings.force:
             if force_connector(card.path, connector.name):
                 connector = card.connector(connector.number)
@@ -144,19 +126,15 @@ class KmsProjector(Projector):
                 "Switch the projector on and check the cable, or set force = true and a mode. "
                 "It is retried every second.",
             )
-        timing = choose(connector.modes, self.settings.mode, self.settings.force)
-        if timing is None:
-            offered = sorted({f"{m.hdisplay}x{m.vdisplay}" for m in connector.modes})
-            raise DeviceAbsent(
-                "PRJ-SIZE",
-                f"the display has no mode {self.settings.mode or ''}".rstrip(),
-                f"It has: {', '.join(offered) or 'none'}. Choose one, or set force = true.",
-            )
+        timing = self._choice.timing(connector)
         size = (timing.hdisplay, timing.vdisplay)
         if self._screen is not None and self._screen.size != size:
             self._release_screen()
         if self._screen is None:
             self._screen = self._make_screen(card.descriptor, size)
+        if self._output is not None:
+            self._output.release()
+            self._output = None
         self._output = Output(card, connector)
         self._timing = timing
         rate = rate_hz(timing)
@@ -166,7 +144,8 @@ class KmsProjector(Projector):
         self._apply_curve()
         if self._watch is not None:
             self._watch.close()
-        self._watch = card.watch(connector.name)
+        self._watch = card.watch(connector)
+        self._choice.keep(card, connector, timing)
 
     def _light_up(self) -> None:
         """Switch the signal off and on again: a display that was away may need to see it begin."""
@@ -347,7 +326,11 @@ class KmsProjector(Projector):
         front = screen.swap()
         frame = self._frames.get(front.buffer)
         if frame is None:
-            frame = card.add_framebuffer(screen.size, front.handle, front.stride)
+            try:
+                frame = card.add_framebuffer(screen.size, front.handle, front.stride)
+            except BaseException:
+                screen.give_back(front)
+                raise
             self._frames[front.buffer] = frame
         return front, frame
 
@@ -368,13 +351,7 @@ class KmsProjector(Projector):
             if not self.settings.force:
                 raise DeviceLost("PRJ-LOST", "the display was switched off or unplugged", RETRIED)
             return
-        assert self._timing is not None
-        size = (self._timing.hdisplay, self._timing.vdisplay)
-        timing = choose(there.modes, self.settings.mode, self.settings.force)
-        if timing is None or (timing.hdisplay, timing.vdisplay) != size:
-            timing = choose(there.modes, f"{size[0]}x{size[1]}", True)
-        assert timing is not None
-        self._timing = timing
+        self._timing = self._choice.again(there.modes)
         _log.info("PRJ-BACK: a display answers on %s; the signal begins anew", there.name)
         self._relight()
 
@@ -415,7 +392,7 @@ class KmsProjector(Projector):
             self._card.take_master()
 
 
-def _absent(error: DeviceError) -> DeviceAbsent:
+def _absent(error: DeviceError | ConfigError) -> DeviceAbsent:
     return DeviceAbsent(error.code, error.what, error.remedy)
 
 

@@ -1,20 +1,15 @@
-"""Keeps the text console off the projector, and hears when a display comes or goes."""
+"""Keeps the text console off the projector, and makes the kernel believe in a silent display."""
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import fcntl
 import os
-import socket
 import stat
 from pathlib import Path
 
 _KDSETMODE = 0x4B3A
 _KD_TEXT, _KD_GRAPHICS = 0, 1
-_UEVENT = 15  # NETLINK_KOBJECT_UEVENT
-_FROM_KERNEL = 1
-_POLL_S = 0.5
 
 
 def silence_console(tty: Path = Path("/dev/tty0"), frame: Path = Path("/dev/fb0")) -> bool:
@@ -64,59 +59,6 @@ def _black(frame: Path) -> bool:
     finally:
         os.close(descriptor)
     return True
-
-
-class HotplugWatch:
-    """Tells that the displays of a card changed, by the kernel's events and by its status file."""
-
-    def __init__(self, card: str, connector: str, root: Path = Path("/sys/class/drm")) -> None:
-        self._status = root / f"{Path(card).resolve().name}-{connector}" / "status"
-        self._last = self._read()
-        self._next_s = 0.0
-        self._socket: socket.socket | None = None
-        with contextlib.suppress(OSError):  # a sandbox may forbid it: then the file alone
-            self._socket = socket.socket(
-                socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_NONBLOCK, _UEVENT
-            )
-            self._socket.bind((0, _FROM_KERNEL))
-
-    def _read(self) -> str:
-        try:
-            return self._status.read_text("ascii").strip()
-        except OSError:
-            return ""
-
-    def changed(self, now_s: float) -> bool:
-        """Never waits; looks into the file twice a second at most."""
-        event = self._event()
-        if now_s < self._next_s and not event:
-            return False
-        self._next_s = now_s + _POLL_S
-        status, last = self._read(), self._last
-        self._last = status
-        return event or status != last
-
-    def _event(self) -> bool:
-        seen = False
-        while self._socket is not None:
-            try:
-                seen |= is_hotplug(self._socket.recv(16384))
-            except BlockingIOError:
-                return seen
-            except OSError:  # events were lost: look
-                return True
-        return seen
-
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-
-
-def is_hotplug(message: bytes) -> bool:
-    """Whether a kernel event says that a display was plugged or unplugged."""
-    words = message.split(b"\0")
-    return b"SUBSYSTEM=drm" in words and b"HOTPLUG=1" in words
 
 
 def force_connector(card: str, connector: str, root: Path = Path("/sys/class/drm")) -> bool:

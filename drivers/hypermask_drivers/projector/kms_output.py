@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from ctypes import c_uint32
 from pathlib import Path
@@ -13,6 +14,9 @@ from hypermask_drivers.projector import drm_abi as abi
 from hypermask_drivers.projector.drm_card import RETRIED, Card, Connector, Property, commit_error
 
 Changes = dict[int, dict[int, int]]
+
+_UPRIGHT, _OPAQUE = 1, 0xFFFF
+"""DRM_MODE_ROTATE_0 as a bit mask, and the whole of a plane's alpha."""
 
 
 def card_paths(wanted: str | None, root: Path = Path("/dev/dri")) -> list[str]:
@@ -54,6 +58,14 @@ class Output:
         self._mode_blob: int | None = None
         self._lut_blob: int | None = None
 
+    def release(self) -> None:
+        """Give back what the card keeps for this; what is shown stays."""
+        for blob in (self._mode_blob, self._lut_blob):
+            if blob is not None:
+                with contextlib.suppress(OSError):
+                    self._card.drop_blob(blob)
+        self._mode_blob = self._lut_blob = None
+
     def _route(self) -> tuple[int, int]:
         crtcs, _ = self._card.resources()
         for index, crtc in self._reachable(crtcs):
@@ -82,7 +94,7 @@ class Output:
     # Commits
 
     def switch_on(self, mode: abi.ModeInfo, frame: int) -> None:
-        """Set the mode with a framebuffer, and nothing else on the screen. Waits.
+        """Set the mode with a framebuffer as it is, and nothing else on the screen. Waits.
 
         Raises `DeviceLost` PRJ-*.
         """
@@ -100,7 +112,18 @@ class Output:
             "CRTC_W": width, "CRTC_H": height, "SRC_X": 0, "SRC_Y": 0,
             "SRC_W": width << 16, "SRC_H": height << 16,
         })  # fmt: skip
+        self._put_plain(changes)
         self._commit(changes, abi.ATOMIC_ALLOW_MODESET)
+
+    def _put_plain(self, changes: Changes) -> None:
+        """Undo what a program before left: its colours, a picture turned or shone through."""
+        for name, blob in (("GAMMA_LUT", self._lut_blob), ("DEGAMMA_LUT", 0), ("CTM", 0)):
+            if name in self._of_crtc:
+                _put(changes, self.crtc, self._of_crtc, {name: blob or 0})
+        for name, value in (("rotation", _UPRIGHT), ("alpha", _OPAQUE)):
+            found = self._of_plane.get(name)
+            if found is not None and found.value != value:
+                _put(changes, self.plane, self._of_plane, {name: value})
 
     def switch_off(self) -> None:
         """No signal on the connector. Raises `DeviceLost` PRJ-*."""

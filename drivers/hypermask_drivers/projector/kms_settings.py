@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
+from hypermask_drivers.errors import ConfigError
+from hypermask_drivers.projector.drm_modes import parse
 from hypermask_drivers.settings import Settings
 
 
@@ -25,3 +27,14 @@ class KmsSettings(Settings):
     brightness: float = Field(default=1.0, ge=0, le=1)
     gamma: float = Field(default=1.0, gt=0, le=4)
     silence_console: bool = True
+
+    @field_validator("mode")
+    @classmethod
+    def _a_mode(cls, text: str | None) -> str | None:
+        """Here, so that `config check` finds it and not the stage when it starts."""
+        try:
+            if text is not None:
+                parse(text)
+        except ConfigError as error:
+            raise ValueError(f"{error.what}. {error.remedy}") from None
+        return text

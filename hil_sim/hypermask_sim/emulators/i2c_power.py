@@ -86,6 +86,9 @@ class Ina219Chip(InaChip):
 class Ina226Chip(InaChip):
     start, shunt_step_v = 0x4127, 2.5e-6
 
+    def _kept(self, word: int) -> int:
+        return word & 0x7FFF  # bit 15 is not there
+
     def _current(self, shunt: int) -> int:
         return shunt * self.calibration // 2048
 

@@ -45,6 +45,7 @@ class PtuUnit:
         self._byte_s = 10.0 / self.data.baud if self.data.baud else 0.0
         self._silent_until_s = 0.0
         self._mangle: list[Callable[[str], str]] = []
+        self._jammed = False
         self.heard: list[str] = []
         """Every command that was carried out, for tests."""
         self._defaults(0.0)
@@ -133,6 +134,10 @@ class PtuUnit:
         """The next answer breaks off in the middle."""
         self._mangle.append(lambda text: text[: max(1, len(text) // 2)])
 
+    def jam(self) -> None:
+        """The next reset ends without a zero."""
+        self._jammed = True
+
     def intrude(self, text: str, now_s: float) -> None:
         """Say something that nobody asked for, such as `!P`."""
         self._emit(text, now_s)
@@ -183,6 +188,10 @@ class PtuUnit:
         letters = {"RP": "P", "RT": "T"}.get(command, "PT")
 
         def done(end_s: float) -> None:
+            jammed, self._jammed = self._jammed, False
+            if jammed:
+                self._say(words.JAMMED, end_s)
+                return
             for letter in letters:
                 self.axes[letter].place(0.0, end_s)
             self._say(text, end_s)

@@ -8,6 +8,8 @@ BANNER = (
 )
 VERSION = "Pan-Tilt Controller v2.14.0(D46), (C)2006 Directed Perception, Inc., All Rights Reserved"
 HELP = "Commands: PP TP PO TO PS TS PD TD PA TA PB TB PU TU PL TL PR TR PN PX TN TX A H I S L R"
+JAMMED = "!T!T!P!P! Cannot find the origin\r\n"
+"""The manual does not tell this sentence; that it begins with `!` follows from section 4.2."""
 NAMES = {"P": "Pan", "T": "Tilt"}
 
 SENTENCES = {
