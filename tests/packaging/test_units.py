@@ -165,6 +165,22 @@ def test_the_kinds_of_devices_are_known_before_the_workers_start() -> None:
         assert "systemd-modules-load.service" in after
 
 
+def test_only_a_boot_repairs_what_dpkg_left() -> None:
+    """The package's postinst starts hypermask.target, and then dpkg has not ended yet."""
+    wanted = [
+        path.name
+        for path in [*UNITS, ROOT / "systemd" / "hypermask.target"]
+        if "hypermask-repair.service" in " ".join(
+            " ".join(settings(path.name).get(key, [])) for key in ("Wants", "Requires", "Upholds")
+        )
+    ]  # fmt: skip
+    assert wanted == []
+    assert only("hypermask-repair.service", "WantedBy") == "multi-user.target"
+    assert only("hypermask.target", "WantedBy") == "multi-user.target"
+    assert "hypermask-code.service" in only("hypermask-repair.service", "Before").split()
+    assert "!/run/hypermask/code" in settings("hypermask-repair.service")["ConditionPathExists"]
+
+
 def test_voice_and_loudspeaker_share_the_microphone() -> None:
     """dsnoop is System V memory of one user."""
     for name in ("hypermask-voice.service", "hypermask-loudspeaker.service"):
