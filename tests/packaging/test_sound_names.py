@@ -1,4 +1,4 @@
-"""The sound cards' names on their way to udev, and the loudspeaker's choice of a card: the scripts of
+"""The sound cards' names on their way to udev, and the loudspeaker's choice of a card: scripts of
 debian/libexec, run as the services run them, with folders in the place of the kernel's."""
 
 from __future__ import annotations

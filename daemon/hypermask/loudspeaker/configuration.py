@@ -156,8 +156,8 @@ def udev_rules(sound: SoundSettings) -> str:
     """Names cards by the socket they are in; a card's number is another at each start.
 
     At "change" (sent when all of a new card is there) so that what it can do is known. A card that
-    records and plays is the microphone, unless the microphone's socket is known: where no other card
-    plays, the voice comes out of it too (debian/libexec/loudspeaker).
+    records and plays is the microphone, unless the microphone's socket is known: where no other
+    card plays, the voice comes out of it too (debian/libexec/loudspeaker).
 
     Lines of another form do not pass debian/libexec/sound-names.
     """
