@@ -30,8 +30,10 @@ class Machine:
         shipped = (ROOT / "configs/udev" / RULES).read_text("utf-8")
         (folder / "shipped" / RULES).write_text(shipped, "utf-8")
 
-    def card(self, number: int, name: str, *pcms: str) -> Path:
-        folder = self.cards / f"card{number}"
+    def card(self, number: int, name: str, *pcms: str, bus: str = "usb1") -> Path:
+        folder = self.folder / "devices" / bus / f"card{number}"
+        folder.mkdir(parents=True)
+        (self.cards / folder.name).symlink_to(folder)
         for pcm in pcms:
             (folder / f"pcmC{number}D0{pcm}").mkdir(parents=True)
         (folder / "id").write_text(f"{name}\n", "utf-8")
@@ -82,20 +84,38 @@ def by_sockets() -> SoundSettings:
 # --- names ---------------------------------------------------------------------------------------
 
 
-def test_names_by_socket_reach_udev_and_names_in_use_are_free_before(machine: Machine) -> None:
+def test_names_by_socket_reach_udev(machine: Machine) -> None:
     write(by_sockets(), machine.run / "sound")
-    swapped = machine.card(1, "hypermask_out", "c", "p")
-    other = machine.card(0, "PCH", "p")
     said = machine.script("sound-names")
     assert machine.in_force == udev_rules(by_sockets())
-    assert swapped.read_text("utf-8") == "was_card1\n" and other.read_text("utf-8") == "PCH\n"
     assert [call.split()[1] for call in said] == ["control", "trigger", "settle"]
     assert "--subsystem-match=sound" in said[1]
     assert machine.script("sound-names") == [], "nothing is to be done a second time"
 
 
-def test_the_shipped_names_need_no_file(machine: Machine) -> None:
-    write(SoundSettings(), machine.run / "sound")
+def test_names_are_free_before_they_are_given_anew(machine: Machine) -> None:
+    """A card keeps a name from others: two could never be exchanged."""
+    write(by_sockets(), machine.run / "sound")
+    out = machine.card(1, "hypermask_out", "c", "p")
+    mic = machine.card(2, "hypermask_mic", "c", "p")
+    on_board = machine.card(0, "hypermask_mic2", "p", bus="pci0")
+    # udev, which gives the one its new name and has none for the other.
+    udev = machine.folder / "bin/udevadm"
+    udev.write_text(
+        "#!/bin/sh\n"
+        f'[ "$1" != trigger ] || {{ cat {out} {mic} {on_board} >{machine.folder}/before; '
+        f"echo hypermask_mic >{out}; }}\n"
+    )
+    machine.script("sound-names")
+    before = (machine.folder / "before").read_text("utf-8").split()
+    assert before == ["was_card1", "was_card2", "hypermask_mic2"]
+    assert out.read_text("utf-8") == "hypermask_mic\n"
+    assert mic.read_text("utf-8") == "hypermask_mic\n", "given back; the kernel refuses it here"
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_the_shipped_names_need_no_file(machine: Machine, on: bool) -> None:
+    write(SoundSettings.model_validate({"loudspeaker": {"on": on}}), machine.run / "sound")
     assert machine.script("sound-names") == [] and machine.in_force is None
     write(by_sockets(), machine.run / "sound")
     machine.script("sound-names")
@@ -123,7 +143,7 @@ def test_nothing_but_names_is_taken_from_the_shows_user(machine: Machine) -> Non
         {},
         {"microphone": {"usb": "1-1.2"}},
         {"loudspeaker": {"usb": "3-2"}},
-        {"loudspeaker": {"on": False}},
+        {"loudspeaker": {"card": "stage"}},
         {"microphone": {"usb": "1-1.2", "card": "a"}, "loudspeaker": {"usb": "1-1.2", "card": "a"}},
     ],
 )
@@ -185,7 +205,7 @@ def test_the_voice_comes_out_of_the_loudspeakers_card(machine: Machine) -> None:
 
 
 def test_one_interface_for_both_is_the_loudspeaker_too(machine: Machine) -> None:
-    machine.card(0, "PCH", "p")
+    machine.card(0, "PCH", "p", bus="pci0")
     machine.card(1, "hypermask_mic", "c", "p")
     (said,) = machine.script("loudspeaker", **variables(SoundSettings()))
     assert said.split()[-1] == "hypermask_mic"

@@ -162,7 +162,7 @@ def udev_rules(sound: SoundSettings) -> str:
     Lines of another form do not pass debian/libexec/sound-names.
     """
     mic, out = sound.microphone, sound.loudspeaker
-    with_out = out.on and out.card != mic.card
+    with_out = out.card != mic.card
     rules = list(_by_socket(mic.card, mic.usb))
     if with_out:
         rules += _by_socket(out.card, out.usb)
