@@ -200,6 +200,15 @@ def test_only_a_boot_repairs_what_dpkg_left() -> None:
     assert "!/run/hypermask/code" in settings("hypermask-repair.service")["ConditionPathExists"]
 
 
+def test_a_repair_hides_systemd_from_maintainer_scripts_and_not_from_itself() -> None:
+    """A "+" before a command does not take it out of the mounts of its service."""
+    found = settings("hypermask-repair.service")
+    assert found["TemporaryFileSystem"] == ["/run/systemd"]
+    (after,) = found["ExecStartPost"]
+    assert after.startswith("-+/usr/bin/nsenter --mount=/proc/1/ns/mnt ")
+    assert after.endswith("systemctl daemon-reload")
+
+
 def test_voice_and_loudspeaker_share_the_microphone() -> None:
     """dsnoop is System V memory of one user."""
     for name in ("hypermask-voice.service", "hypermask-loudspeaker.service"):
