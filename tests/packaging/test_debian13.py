@@ -32,7 +32,7 @@ def depends() -> list[str]:
     control = (ROOT / "debian" / "control").read_text("utf-8")
     found = re.search(r"^Package: hypermask\n.*?^Depends:\n(.*?)^\S", control, re.S | re.M)
     assert found is not None
-    return re.findall(r"^ ([a-z0-9.+-]+),", found[1], re.MULTILINE)
+    return re.findall(r"^ ([a-z0-9.+-]+)(?: \([^)]*\))?,", found[1], re.MULTILINE)
 
 
 class Debian:
@@ -184,8 +184,10 @@ def test_an_upgrade_keeps_the_owners_files_and_a_rollback_returns(installed: Deb
 
 
 def test_apt_and_dpkg_keep_a_way_back_too(installed: Debian) -> None:
+    installed.run("rm -r /var/lib/hypermask/packages/*")
     installed.run("dpkg -i /root/hypermask*[0-9]_all.deb")
     assert "~old" in installed.run("hypermask update status --json").split('"previous"')[1]
+    installed.run("test -d /var/lib/hypermask/packages/data-*~old")
     installed.run("hypermask update rollback")
     assert "~old" in installed.run("dpkg-query -W -f='${Version}' hypermask")
 

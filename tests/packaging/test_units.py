@@ -95,6 +95,25 @@ def test_a_worker_is_watched_restarted_and_given_up_with_the_reason_on_record(na
     assert "hypermask-fault@%p.service" in only(name, "OnFailure").split()
 
 
+@pytest.mark.parametrize("name", WORKER_UNITS)
+def test_a_worker_that_hangs_is_given_up_after_as_many_starts_as_one_that_dies(name: str) -> None:
+    stop_s = 2 * float(only(name, "TimeoutStopSec"))  # SIGTERM, then SIGKILL
+    at_start_s = float(only(name, "TimeoutStartSec")) + stop_s
+    at_work_s = float(only(name, "WatchdogSec")) + float(only(name, "TimeoutAbortSec")) + stop_s
+    started_s = 30.0
+    assert only(name, "RestartSec") == "200ms"
+    longest_s = max(at_start_s, started_s + at_work_s) + 0.2
+    burst = int(only(name, "StartLimitBurst"))
+    assert burst == 10
+    assert float(only(name, "StartLimitIntervalSec")) > burst * longest_s
+
+
+@pytest.mark.parametrize("name", [*WORKER_UNITS, "hypermask-safe.service"])
+def test_a_service_that_ends_itself_when_asked_to_has_not_failed(name: str) -> None:
+    """hypermask.services.service: a device that does not close in time."""
+    assert only(name, "SuccessExitStatus") == "SIGALRM"
+
+
 @pytest.mark.parametrize("name", ["stage", "tracker", "show"])
 def test_without_picture_mask_or_keys_the_show_ends_dark_and_parked(name: str) -> None:
     assert "hypermask-safe.service" in only(f"hypermask-{name}.service", "OnFailure").split()
@@ -163,6 +182,31 @@ def test_the_kinds_of_devices_are_known_before_the_workers_start() -> None:
     for name in ("stage", "tracker", "voice", "pantilt", "show"):
         after = only(f"hypermask-{name}.service", "After").split()
         assert "systemd-modules-load.service" in after
+
+
+def test_only_a_boot_repairs_what_dpkg_left() -> None:
+    """The package's postinst starts hypermask.target, and then dpkg has not ended yet."""
+    wanted = [
+        path.name
+        for path in [*UNITS, ROOT / "systemd" / "hypermask.target"]
+        if "hypermask-repair.service" in " ".join(
+            " ".join(settings(path.name).get(key, [])) for key in ("Wants", "Requires", "Upholds")
+        )
+    ]  # fmt: skip
+    assert wanted == []
+    assert only("hypermask-repair.service", "WantedBy") == "multi-user.target"
+    assert only("hypermask.target", "WantedBy") == "multi-user.target"
+    assert "hypermask-code.service" in only("hypermask-repair.service", "Before").split()
+    assert "!/run/hypermask/code" in settings("hypermask-repair.service")["ConditionPathExists"]
+
+
+def test_a_repair_hides_systemd_from_maintainer_scripts_and_not_from_itself() -> None:
+    """A "+" before a command does not take it out of the mounts of its service."""
+    found = settings("hypermask-repair.service")
+    assert found["TemporaryFileSystem"] == ["/run/systemd"]
+    (after,) = found["ExecStartPost"]
+    assert after.startswith("-+/usr/bin/nsenter --mount=/proc/1/ns/mnt ")
+    assert after.endswith("systemctl daemon-reload")
 
 
 def test_voice_and_loudspeaker_share_the_microphone() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -23,8 +24,11 @@ pytestmark = [
 ]
 
 
-def make_deb(folder: Path, version: str, content: str = "", script: str = "") -> Path:
-    """A hypermask that is one line of code, a configuration file and a link."""
+def make_deb(
+    folder: Path, version: str, content: str = "", script: str = "", preinst: str = ""
+) -> Path:
+    """A hypermask that is one line of code, a configuration file and a link. script: its postinst;
+    both with their first line, or for sh."""
     tree = folder / f"tree-{version}"
     code = tree / "usr/share/hypermask/python/line.py"
     code.parent.mkdir(parents=True)
@@ -49,9 +53,11 @@ def make_deb(folder: Path, version: str, content: str = "", script: str = "") ->
             ["md5sum", "usr/share/hypermask/python/line.py"], cwd=tree, capture_output=True
         ).stdout
     )
-    if script:
-        (control / "postinst").write_text(f"#!/bin/sh\n{script}\n", "utf-8")
-        (control / "postinst").chmod(0o755)
+    for name, text in (("postinst", script), ("preinst", preinst)):
+        if text:
+            first = "" if text.startswith("#!") else "#!/bin/sh\n"
+            (control / name).write_text(f"{first}{text}\n", "utf-8")
+            (control / name).chmod(0o755)
     target = folder / f"hypermask_{version}_all.deb"
     subprocess.run(
         ["dpkg-deb", "--root-owner-group", "-Znone", "-b", str(tree), str(target)],
@@ -144,6 +150,42 @@ def test_a_version_that_others_installed_is_packed_again(cart: Cart, tmp_path: P
     assert (cart.root / "usr/share/hypermask/python/link.py").readlink() == Path("line.py")
     assert (cart.root / "ran").exists()
     assert cart.dpkg.whole()
+
+
+def test_dpkg_alone_leaves_a_way_back_too(cart: Cart, tmp_path: Path) -> None:
+    """While the preinst runs, dpkg takes the old version for half installed."""
+    saved = tmp_path / "home/shows/mine.toml"
+    saved.parent.mkdir(parents=True)
+    saved.write_text("of 1.0", "utf-8")
+    cart.dpkg.install([make_deb(tmp_path, "1.0")])
+    preinst = f"""#!{sys.executable}
+import sys
+sys.path[:0] = {sys.path!r}
+from pathlib import Path
+from hypermask.update import keep
+keep.Dpkg = lambda: Dpkg({cart.options[:1]!r})
+keep.shelf_folder = lambda: Path({str(cart.shelf.folder)!r})
+from hypermask.update.dpkg import Dpkg
+assert Dpkg({cart.options[:1]!r}).version() is None
+sys.exit(keep.main(["--replaced", "hypermask", sys.argv[2]]))
+"""
+    two = make_deb(tmp_path, "2.0", preinst=preinst)
+    assert not cart.shelf.folder.exists()
+    done, said = cart.dpkg.install([two])
+    assert done, said
+    assert cart.dpkg.version() == "2.0"
+    assert cart.shelf.kept("1.0") is not None
+    assert (cart.shelf.data("1.0") / "shows/mine.toml").read_text("utf-8") == "of 1.0"
+    cart.shelf.set_previous("1.0")  # as the package's preinst does
+    assert cart.rollback() == Installed("1.0", "2.0")
+    assert "1.0" in cart.code and cart.dpkg.whole()
+
+
+@pytest.mark.parametrize("package", ["hypermask", "hypermask-sim"])
+def test_the_preinst_says_what_goes_unless_that_is_half_a_version(package: str) -> None:
+    text = (REPAIR.parents[1] / f"{package}.preinst").read_text("utf-8")
+    assert f'keep --replaced {package} "$2"' in text
+    assert '[ -e "$packages/installing" ] || [ ! -x /usr/libexec/hypermask/keep ] ||' in text
 
 
 @pytest.mark.parametrize("owners", ["mine\n", None])
@@ -287,6 +329,30 @@ def test_a_boot_with_a_whole_program_only_takes_the_mark_away(cart: Cart, tmp_pa
     cart.shelf.begin([])
     assert cart.repair().returncode == 0
     assert not cart.shelf.interrupted and "1.0" in cart.code
+
+
+def test_a_boot_configures_nobody_elses_package(cart: Cart, tmp_path: Path) -> None:
+    """What others do then nobody here can know; they are the technician's, who is told."""
+    interrupted(cart, tmp_path, "configured")
+    status = cart.root / "var/lib/dpkg/status"
+    stranger = (
+        "Package: stranger\nStatus: install ok unpacked\nMaintainer: x <x@example.org>\n"
+        "Architecture: all\nVersion: 1\nDescription: x\n"
+    )
+    ours = status.read_text("utf-8").replace(
+        "Architecture: all\n", "Architecture: all\nDepends: stranger\n"
+    )
+    status.write_text(ours + "\n" + stranger, "utf-8")
+    postinst = cart.root / "var/lib/dpkg/info/stranger.postinst"
+    postinst.write_text(f"#!/bin/sh\ntouch {tmp_path}/strange\n", "utf-8")
+    postinst.chmod(0o755)
+    (cart.root / "var/lib/dpkg/info/stranger.list").write_text("/.\n", "utf-8")
+    done = cart.repair()
+    assert done.returncode == 0, done.stderr
+    assert cart.dpkg.version() == "2.0"
+    assert not (tmp_path / "strange").exists() and cart.dpkg.version("stranger") is None
+    assert "<4>UPD-REPAIR: other packages are only half installed" in done.stderr
+    assert ": stranger. Run dpkg --configure -a" in done.stderr
 
 
 def test_versions_are_compared_as_debian_does() -> None:

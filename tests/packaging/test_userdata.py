@@ -116,6 +116,54 @@ def test_the_writers_replace_files_so_links_keep_the_old_ones(home: Path, tmp_pa
     assert np.allclose(new.units, old.units * 0.5, atol=1e-3)
 
 
+def test_links_of_the_shows_user_lead_root_nowhere(home: Path, tmp_path: Path) -> None:
+    """Root puts aside and mends in folders that are not root's."""
+    secret = tmp_path / "secret"
+    (secret / "deep").mkdir(parents=True)
+    (secret / "deep/key").write_text("of root", "utf-8")
+    (home / "characters/anna/deep").symlink_to(secret / "deep")
+    (home / "characters/anna/key").symlink_to(secret / "deep/key")
+    shutil.rmtree(home / "shows")
+    (home / "shows").symlink_to(secret)
+    aside = tmp_path / "data-1"
+    userdata.put_aside(aside)
+    assert (aside / "characters/anna/key").is_symlink()
+    assert (aside / "characters/anna/deep").is_symlink()
+    assert not (aside / "shows").exists()
+    written_by_a_newer_version(home / "characters/anna/character.toml")
+    userdata.mend(aside)
+    assert bad() == []
+    assert (home / "characters/anna/key").is_symlink()
+    assert (home / "characters/anna/deep").is_symlink()
+
+
+def test_nothing_is_restored_behind_a_link(home: Path, tmp_path: Path) -> None:
+    aside, elsewhere = tmp_path / "data-1", tmp_path / "elsewhere"
+    userdata.put_aside(aside)
+    (home / "expressions").rename(elsewhere)
+    (home / "expressions").symlink_to(elsewhere)
+    written_by_a_newer_version(elsewhere / "wink.toml")
+    before = (elsewhere / "wink.toml").read_text("utf-8")
+    assert [finding.path for finding in userdata.mend(aside)] == ["expressions/wink.toml"]
+    assert (elsewhere / "wink.toml").read_text("utf-8") == before
+    assert not list(elsewhere.glob("*.newer"))
+
+
+def test_where_links_cannot_be_made_hard_the_copy_follows_none(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*arguments: object, **named: object) -> None:
+        raise OSError(18, "Invalid cross-device link")
+
+    monkeypatch.setattr("hypermask.update.userdata.os.link", refuse)
+    (tmp_path / "key").write_text("of root", "utf-8")
+    userdata._link(str(home / "characters/anna/texture.png"), str(tmp_path / "copy.png"))
+    assert (tmp_path / "copy.png").is_file()
+    (home / "characters/key").symlink_to(tmp_path / "key")
+    userdata._link(str(home / "characters/key"), str(tmp_path / "copied"))
+    assert (tmp_path / "copied").is_symlink()
+
+
 def test_one_version_asks_another_ones_code(home: Path) -> None:
     written_by_a_newer_version(home / "expressions/wink.toml")
     done = subprocess.run(

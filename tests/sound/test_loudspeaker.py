@@ -183,8 +183,8 @@ def test_a_card_gets_its_name_by_its_socket() -> None:
         {"microphone": {"usb": "1-1.2", "card": "mask"}, "loudspeaker": {"usb": "1-1.3"}}
     )
     rules = udev_rules(settings)
-    assert 'KERNELS=="1-1.2", ATTR{id}="mask"' in rules
-    assert 'KERNELS=="1-1.3", ATTR{id}="hypermask_out"' in rules
+    assert 'KERNELS=="1-1.2", ATTR{id}!="mask", ATTR{id}="mask"' in rules
+    assert 'KERNELS=="1-1.3", ATTR{id}!="hypermask_out", ATTR{id}="hypermask_out"' in rules
 
 
 def test_a_machine_without_a_loudspeaker_has_no_environment(tmp_path: Path) -> None:
@@ -252,4 +252,19 @@ def test_the_unit_is_hardened() -> None:
             text=True,
             timeout=60,
         )
-        assert "hypermask-loudspeaker" not in checked.stderr
+        said = [line for line in checked.stderr.splitlines() if "is not executable" not in line]
+        assert not [line for line in said if "hypermask-loudspeaker" in line], checked.stderr
+
+
+@libasound
+def test_the_loudspeakers_card_is_the_one_that_its_unit_chose(tmp_path: Path) -> None:
+    (tmp_path / "a.conf").write_text(asound_conf(SoundSettings()))
+    for chosen in ({}, {"HYPERMASK_OUT": "hypermask_mic"}):
+        done = subprocess.run(
+            ["aplay", "-D", "hypermask_out_card", "-d", "1", "/dev/zero"],
+            env={**os.environ, "ALSA_CONFIG_PATH": f"{SYSTEM}:{tmp_path}/a.conf", **chosen},
+            capture_output=True, text=True, timeout=30,
+        )  # fmt: skip
+        if done.returncode == 0:
+            pytest.skip("this machine has a card of that name")
+        assert f"for {chosen.get('HYPERMASK_OUT', 'hypermask_out')}\n" in done.stderr

@@ -88,7 +88,15 @@ def loudspeaker_conf(out: Loudspeaker, instead: str | None = None) -> str:
 
     With a limiter the gain is the limiter's, which has the room above full scale.
     """
-    card = instead or f"{{ type hw card {out.card} device {out.device} }}"
+    card = (
+        instead
+        or f"""{{
+    type hw
+    # Another one where there is no card of that name: see debian/libexec/loudspeaker.
+    card {{ @func getenv vars [ HYPERMASK_OUT ] default "{out.card}" }}
+    device {out.device}
+}}"""
+    )
     if not out.limiter.on:
         gain = 10 ** (out.gain_db / 20)
         return _out(out, card, "hypermask_out_card", out.channels, gain)
@@ -120,9 +128,10 @@ def _out(
 
 
 def environment(sound: SoundSettings) -> str:
-    """What the unit gives to alsaloop; its latency is the delay less that of the limiter.
+    """What the unit needs to start alsaloop: its arguments, and the names of both cards.
 
-    Two cards have two quartzes: alsaloop then resamples (sync 4) to stay together.
+    Its latency is the delay less that of the limiter. Two cards have two quartzes: alsaloop then
+    resamples (sync 4) to stay together.
     """
     out = sound.loudspeaker
     words = [
@@ -130,7 +139,11 @@ def environment(sound: SoundSettings) -> str:
         f"--rate={out.rate_hz}", "--channels=1", f"--tlatency={round(loop_s(out) * 1e6)}",
         f"--sync={0 if sound.microphone.card == out.card else 4}",
     ]  # fmt: skip
-    return f'HYPERMASK_LOOP="{" ".join(words)}"\n'
+    # A loudspeaker whose socket is known is no other card.
+    spare = out.card if out.usb else sound.microphone.card
+    return (
+        f'HYPERMASK_LOOP="{" ".join(words)}"\nHYPERMASK_OUT={out.card}\nHYPERMASK_SPARE={spare}\n'
+    )
 
 
 def loop_s(out: Loudspeaker) -> float:
@@ -142,19 +155,43 @@ def loop_s(out: Loudspeaker) -> float:
 def udev_rules(sound: SoundSettings) -> str:
     """Names cards by the socket they are in; a card's number is another at each start.
 
-    At "change" (sent when all of a new card is there) so that what it can do is known.
+    At "change" (sent when all of a new card is there) so that what it can do is known. A card that
+    records and plays is the microphone, unless the microphone's socket is known: where no other
+    card plays, the voice comes out of it too (debian/libexec/loudspeaker).
+
+    Lines of another form do not pass debian/libexec/sound-names.
     """
     mic, out = sound.microphone, sound.loudspeaker
-    lines = [
-        "# Written by hypermask: sound cards get names by the USB sockets they are in.",
-        'ACTION=="remove", GOTO="hypermask_sound_end"',
-        'SUBSYSTEM!="sound", GOTO="hypermask_sound_end"',
-        'KERNEL!="card[0-9]*", GOTO="hypermask_sound_end"',
-        _rule(mic.card, mic.usb, "c"),
-    ]
-    if out.on and out.card != mic.card:
-        lines.append(_rule(out.card, out.usb, "p"))
-    return "\n".join([*lines, 'LABEL="hypermask_sound_end"', ""])
+    with_out = out.card != mic.card
+    rules = list(_by_socket(mic.card, mic.usb))
+    if with_out:
+        rules += _by_socket(out.card, out.usb)
+    if mic.usb is None:
+        rules.append(_named('SUBSYSTEMS=="usb", TEST=="pcmC%nD0c"', mic.card))
+    if with_out and out.usb is None:
+        plays = 'SUBSYSTEMS=="usb", TEST=="pcmC%nD0p"'
+        rules.append(_named(plays if mic.usb else f'{plays}, TEST!="pcmC%nD0c"', out.card))
+    return "\n".join(
+        [
+            "# Written by hypermask: sound cards get names by the USB sockets they are in.",
+            'ACTION!="change", GOTO="hypermask_sound_end"',
+            'SUBSYSTEM!="sound", GOTO="hypermask_sound_end"',
+            'KERNEL!="card[0-9]*", GOTO="hypermask_sound_end"',
+            *rules,
+            'LABEL="hypermask_sound_end"',
+            "",
+        ]
+    )
+
+
+def _by_socket(card: str, usb: str | None) -> Iterator[str]:
+    if usb is not None:
+        yield _named(f'KERNELS=="{usb}"', card)
+        yield f'KERNELS=="{usb}", GOTO="hypermask_sound_end"'
+
+
+def _named(which: str, card: str) -> str:
+    return f'{which}, ATTR{{id}}!="{card}", ATTR{{id}}="{card}"'
 
 
 def write(sound: SoundSettings, folder: Path) -> list[Path]:
@@ -171,12 +208,6 @@ def write(sound: SoundSettings, folder: Path) -> list[Path]:
     for name, text in files.items():
         write_atomically(folder / name, text.encode())
     return [folder / name for name in files]
-
-
-def _rule(card: str, usb: str | None, direction: str) -> str:
-    if usb is not None:
-        return f'KERNELS=="{usb}", ATTR{{id}}="{card}"'
-    return f'SUBSYSTEMS=="usb", TEST=="pcmC%nD0{direction}", ATTR{{id}}="{card}"'
 
 
 def _voice_plugins(out: Loudspeaker) -> Iterator[str]:

@@ -42,13 +42,11 @@ class Shelf:
             self._place(target, lambda new: shutil.copyfile(package.path, new))
         return target
 
-    def keep_installed(self) -> None:
+    def keep_installed(self, name: str, version: str) -> None:
         """So that there is a way back, whoever installed it. Raises `HypermaskError` UPD-KEEP."""
-        for name in (PACKAGE, SIMULATOR):
-            version = self._dpkg.version(name)
-            if version is not None and self.kept(version, name) is None:
-                target = self.path_of(name, version)
-                self._place(target, lambda new, name=name: self._dpkg.repack(name, new))
+        if self.kept(version, name) is None:
+            target = self.path_of(name, version)
+            self._place(target, lambda new: self._dpkg.repack(name, new))
 
     def _place(self, target: Path, make: object) -> None:
         assert callable(make)

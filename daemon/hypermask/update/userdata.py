@@ -4,7 +4,8 @@ Formats carry a version, and a program reads what older ones wrote. The other wa
 program can promise nothing about formats that did not exist. So before a version goes, what it
 could read is put aside (hard links: no copy, and every writer here replaces files instead of
 changing them); after a rollback whatever the old version cannot read comes back from there, and
-the newer file is kept beside it as NAME.newer.
+the newer file is kept beside it as NAME.newer. Root does this, in folders of the show's user: a
+link there is copied as a link, and what lies behind one is neither kept nor replaced.
 
 `python3 -m hypermask.update.userdata [--mend FOLDER]` is how one version asks another one's code.
 """
@@ -43,8 +44,8 @@ def put_aside(folder: Path) -> None:
     shutil.rmtree(new, ignore_errors=True)
     for kind in KINDS:
         source = paths.home() / kind
-        if source.is_dir():
-            shutil.copytree(source, new / kind, copy_function=_link, ignore=_hidden)
+        if source.is_dir() and not source.is_symlink():
+            shutil.copytree(source, new / kind, symlinks=True, copy_function=_link, ignore=_hidden)
     new.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(folder, ignore_errors=True)
     new.replace(folder)
@@ -54,7 +55,7 @@ def _link(source: str, copy: str) -> None:
     try:
         os.link(source, copy, follow_symlinks=False)
     except OSError:
-        shutil.copy2(source, copy)
+        shutil.copy2(source, copy, follow_symlinks=False)
 
 
 def _hidden(folder: str, names: list[str]) -> list[str]:
@@ -73,7 +74,7 @@ def mend(before: Path) -> list[Finding]:
         if finding.problem is None:
             continue
         old, now = before / finding.path, paths.home() / finding.path
-        if not old.exists():
+        if not old.exists() or _linked(old, before) or _linked(now.parent, paths.home()):
             left.append(finding)
             continue
         with contextlib.suppress(OSError):
@@ -85,13 +86,18 @@ def mend(before: Path) -> list[Finding]:
     return left + [finding for finding in look() if finding.problem and finding not in left]
 
 
+def _linked(path: Path, root: Path) -> bool:
+    """Whether something below `root` on the way to `path` is a link."""
+    return any(step.is_symlink() for step in (path, *path.parents) if root in step.parents)
+
+
 def _copy(old: Path, now: Path) -> None:
     """In the owner's name, whoever mends."""
-    owner = now.parent.stat()
+    owner = now.parent.stat(follow_symlinks=False)
     if old.is_dir():
-        shutil.copytree(old, now)
+        shutil.copytree(old, now, symlinks=True)
     else:
-        shutil.copy2(old, now)
+        shutil.copy2(old, now, follow_symlinks=False)
     for path in (now, *now.rglob("*")):
         with contextlib.suppress(PermissionError):
             os.chown(path, owner.st_uid, owner.st_gid, follow_symlinks=False)
