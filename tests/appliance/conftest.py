@@ -146,6 +146,8 @@ def _kept(request: pytest.FixtureRequest) -> Iterator[None]:
     theatre.plays = not failed
     if show is None:
         return
+    if show.cart.stumbles:
+        record.note(f"the emulated processor stumbled at the start, {show.cart.stumbles} times")
     try:
         record.picture(show.picture(), "at the end of the step")
         record.log(show.journal(400 if failed else 60))

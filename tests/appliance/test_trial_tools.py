@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from stage_references import Cart, Place, judge, likeness
 
 from hypermask_sim.appliance.image import needed_by, recipe
+from hypermask_sim.appliance.qemu import Machine, VirtualCart, stumbles
 from hypermask_sim.appliance.report import Part, gather
 from hypermask_sim.appliance.watch import Glance, GuestClock, longest_freeze_s
 
@@ -122,3 +124,40 @@ def test_whoever_reads_a_part_while_it_is_written_reads_all_of_the_one_before(
 def test_another_package_is_another_base() -> None:
     assert recipe(("a", "b")) == recipe(("b", "a")) != recipe(("a",))
     assert needed_by(()) == []
+
+
+INT3 = "[    0.441870] Kernel panic - not syncing: Fatal exception in interrupt\n"
+ROOT = "[    4.100000] Kernel panic - not syncing: VFS: Unable to mount root fs\n"
+
+
+def test_only_a_processor_that_stumbles_is_forgiven() -> None:
+    assert stumbles("") == stumbles(ROOT) == stumbles("words of a Kernel panic - \n") == 0
+    assert stumbles(f"[    0.44] Oops: int3\n{INT3}[    0.1] on\n{INT3}{ROOT}") == 2
+
+
+def test_a_machine_whose_processor_stumbled_is_reset_once_for_each_time(tmp_path: Path) -> None:
+    class Agent:
+        waits = 0
+
+        def receive(self, timeout_s: float) -> dict[str, Any]:
+            self.waits += 1
+            if self.waits in (2, 5):
+                with (tmp_path / "console.log").open("a") as log:
+                    log.write(INT3)
+            if self.waits < 8:
+                raise TimeoutError
+            return {"id": 0}
+
+    class Monitor:
+        asked: list[str]
+
+        def run(self, command: str, **arguments: Any) -> None:
+            self.asked.append(command)
+
+    cart = VirtualCart.__new__(VirtualCart)
+    monitor = Monitor()
+    monitor.asked = []
+    cart.machine = Machine(None, tmp_path, tmp_path)  # type: ignore[arg-type]
+    cart.stumbles, cart._agent, cart._monitor = 0, Agent(), monitor  # type: ignore[assignment]
+    cart.wait_booted(3600)
+    assert monitor.asked == ["system_reset"] * 2 and cart.stumbles == 2
