@@ -40,9 +40,11 @@ def test_cold_boot(theatre: Theatre, record: Record) -> None:
     record.picture(picture, "the first face")
     record.picture(CART.reference(PLACE, "mean"), "where it must be")
     seen = [glance for glance in show.watcher.glances if glance.height == CART.height]
-    light_s = next(glance.before_s for glance in seen if glance.lit > 0)
-    record.note(f"black until {light_s:.1f} s, the face by {face_s:.1f} s")
-    assert face_s - light_s <= FADE_S, "something was on the screen before the face"
+    record.picture(show.watcher.first_light[CART.height], "the first light")
+    early = [glance for glance in seen if glance.lit > 0 and glance.before_s < face_s - FADE_S]
+    record.note(f"the face by {face_s:.1f} s, {len(early)} of {len(seen)} looks saw light before")
+    # A look may fall into the middle of a mode's change; what stands is seen by two.
+    assert len(early) <= 1, f"something was on the screen before the face: {early}"
     assert show.run("ls /sys/class/net").split() == ["lo"]
     assert show.run("loginctl list-sessions --no-legend; true").strip() == ""
     assert {worker.state for worker in show.all_work().values()} == {"active"}

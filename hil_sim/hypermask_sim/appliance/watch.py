@@ -60,11 +60,15 @@ class Glance:
 
 @dataclass
 class Watcher:
-    """Looks as often as it can until it is stopped; a context manager."""
+    """Looks as often as it can until it is stopped.
+
+    first_light: the first picture of each height that was not dark.
+    """
 
     monitor: Monitor
     folder: Path
     glances: list[Glance] = field(default_factory=list)
+    first_light: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
     pause_s: float = 0.4
 
     def __post_init__(self) -> None:
@@ -103,6 +107,8 @@ class Watcher:
         picture = self.monitor.screenshot(self.folder / "glance.ppm")
         self._now_s = self.clock.now()
         lit = float((picture.max(axis=2) >= DARK).mean())
+        if lit:
+            self.first_light.setdefault(picture.shape[0], picture)
         number = hashlib.blake2b(picture.tobytes(), digest_size=8).hexdigest()
         self.glances.append(Glance(before_s, self._now_s, number, lit, picture.shape[0]))
         return picture
