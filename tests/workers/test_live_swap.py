@@ -131,6 +131,22 @@ def test_a_photograph_goes_with_its_order_and_away_with_it(tmp_path: Path) -> No
     assert [path.suffix for path in tmp_path.iterdir()] == [".done"]
 
 
+def test_a_photograph_whose_order_has_no_room_does_not_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = orders.write_atomically
+
+    def full(path: Path, data: bytes) -> None:
+        if path.suffix == ".json":
+            raise HypermaskError("DISK-WRITE", "the disk is full", "Free some space.")
+        write(path, data)
+
+    monkeypatch.setattr(orders, "write_atomically", full)
+    with pytest.raises(HypermaskError):
+        orders.place(tmp_path, orders.Order(name="guest"), b"a picture")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"photo": 3}', '{"name": "a", "age": 3}'])
 def test_an_order_that_cannot_be_read_is_answered_and_left_out(tmp_path: Path, text: str) -> None:
     (tmp_path / "0-x.json").write_text(text)

@@ -69,6 +69,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, _terminated)
     if "--json" not in sys.argv[1:]:
         app()
+        return
     try:
         sys.exit(app(standalone_mode=False) or 0)
     except _refusal() as error:

@@ -46,11 +46,15 @@ def place(folder: Path, order: Order, photo: bytes | None = None) -> str:
     can read. Raises `UsageError` CHAR-NAME, `HypermaskError` DISK-WRITE."""
     check_name(order.name)
     number = f"{time.time_ns():020d}-{order.name}"
+    copy = folder / f"{number}{PHOTO}"
     if photo is not None:
-        copy = folder / f"{number}{PHOTO}"
         write_atomically(copy, photo)
         order = order.model_copy(update={"photo": str(copy)})
-    write_atomically(folder / f"{number}.json", order.model_dump_json().encode())
+    try:
+        write_atomically(folder / f"{number}.json", order.model_dump_json().encode())
+    except HypermaskError:
+        copy.unlink(missing_ok=True)
+        raise
     return number
 
 

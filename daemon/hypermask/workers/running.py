@@ -38,16 +38,12 @@ def running_board() -> Path:
         try:
             (folder / "scene").stat()
         except PermissionError as error:
-            raise rights(folder) from error
+            raise DataError(
+                "BOARD-RIGHTS",
+                f"{folder} may not be looked at",
+                "Join the group hypermask (adduser YOU hypermask, and log in again), or use sudo.",
+            ) from error
         except OSError:
             continue
         return folder.resolve()
     raise DataError("SHOW-NONE", "no show is running on this machine", "Start one.")
-
-
-def rights(folder: Path) -> DataError:
-    return DataError(
-        "BOARD-RIGHTS",
-        f"{folder} may not be looked at",
-        "Join the group hypermask (adduser YOU hypermask, and log in again), or use sudo.",
-    )
