@@ -17,7 +17,6 @@ from theatre import BOOT_S
 from virtual_show import ASK_S, PLACE, VirtualShow
 
 from hypermask_sim.appliance.qemu import KEYPAD, PTU
-from hypermask_sim.appliance.watch import longest_freeze_s
 
 pytestmark = [pytest.mark.appliance, pytest.mark.timeout(5400)]
 
@@ -177,14 +176,12 @@ def test_upgrade(show: VirtualShow, record: Record, next_debs: list[Path]) -> No
     show.sway()
     show.face()
     start_s = show.watcher.now_s
-    show.run(f"hypermask update install {names}", 900)
-    told = update_status(show)
-    glances = show.watcher.between(start_s, show.watcher.now_s)
+    with show.never_dark():
+        show.run(f"hypermask update install {names}", 900)
+        told = update_status(show)
     record.note(f"installed in {show.watcher.now_s - start_s:.0f} s of guest time")
     assert told["installed"].endswith(NEXT) and told["waits_for_idle"]
     assert told["playing_release"] == old["installed_release"]
-    assert min(glance.lit for glance in glances) > 0.005, "the picture was missing"
-    assert longest_freeze_s(glances) <= 1.0
     victim = show.working("show")
     show.run(f"kill -KILL {victim.pid}")
     show.working("show", not_pid=victim.pid)

@@ -26,6 +26,8 @@ ELSEWHERE = Place(1.7, right_m=0.12, up_m=-0.06, roll=12, pitch=5, yaw=20)
 FAULTS = 20
 AT_A_TIME = 3
 SEED = 3
+STANDSTILLS = (0.37, 0.4, 0.43, 0.5, 0.75)
+"""Seconds of guest time; from 0.35 on an absent mask would have faded out."""
 
 
 def test_cold_boot(theatre: Theatre, record: Record) -> None:
@@ -109,6 +111,19 @@ def _mouth_moves(show: VirtualShow) -> float:
     (left, top), (right, bottom) = np.round(world.projector.project(box)).astype(int)
     looks = [show.picture()[top:bottom, left:right].astype(float) for _ in range(10)]
     return float(np.std(looks, axis=0).mean())
+
+
+def test_machine_stands_still(show: VirtualShow) -> None:
+    """The whole machine stands still for a moment: the picture goes on without a black frame"""
+    show.sway()
+    show.rest(2)
+    for guest_s in STANDSTILLS:
+        with show.never_dark():
+            show.rest(0.3)
+            show.cart.stand_still(guest_s * show.cart.machine.slowness)
+            show.rest(0.7)
+    show.hold(PLACE)
+    show.shows(PLACE)
 
 
 def test_workers_killed_and_stopped(show: VirtualShow, record: Record) -> None:

@@ -13,7 +13,7 @@ from stage_references import Cart, Place, judge, likeness
 from hypermask_sim.appliance.image import needed_by, recipe
 from hypermask_sim.appliance.qemu import Machine, VirtualCart, stumbles
 from hypermask_sim.appliance.report import Part, gather
-from hypermask_sim.appliance.watch import Glance, GuestClock, longest_freeze_s
+from hypermask_sim.appliance.watch import Glance, GuestClock, dark_moments, longest_freeze_s
 
 
 def glances(*seen: tuple[float, str, float]) -> list[Glance]:
@@ -23,8 +23,19 @@ def glances(*seen: tuple[float, str, float]) -> list[Glance]:
 def test_a_picture_that_stands_is_a_freeze() -> None:
     moving = glances((0.0, "a", 0.1), (0.5, "b", 0.1), (1.0, "c", 0.1))
     assert longest_freeze_s(moving) == 0
-    stood = glances((0.0, "a", 0.1), (0.5, "b", 0.1), (1.1, "b", 0.1), (2.0, "b", 0.1))
+    looks = [(0.5 + 0.3 * n, "b", 0.1) for n in range(6)]
+    stood = glances((0.0, "a", 0.1), *looks, (2.3, "c", 0.1))
     assert longest_freeze_s(stood) == pytest.approx(1.45)
+
+
+def test_a_machine_that_was_not_looked_at_for_long_is_not_blamed_for_it() -> None:
+    stood = glances((0.0, "a", 0.1), (0.1, "b", 0.1), (0.2, "b", 0.1), (9.2, "b", 0.1))
+    assert longest_freeze_s(stood) == pytest.approx(0.05 + 0.5)
+
+
+def test_each_dark_moment_is_told() -> None:
+    seen = glances((0.0, "a", 0.1), (0.5, "d", 0.0), (1.0, "a", 0.1))
+    assert dark_moments(seen) == ["at 0.50 s, 0.45 s after the last look"]
 
 
 def test_darkness_is_no_freeze() -> None:

@@ -19,7 +19,7 @@ from hypermask_drivers.clock import RealClock
 from hypermask_drivers.errors import HypermaskError
 from hypermask_sim.appliance.image import Image as Disk
 from hypermask_sim.appliance.qemu import Machine, VirtualCart
-from hypermask_sim.appliance.watch import Watcher, longest_freeze_s
+from hypermask_sim.appliance.watch import Watcher, dark_moments, longest_freeze_s
 from hypermask_sim.emulators.ptu import PtuData, PtuUnit
 from hypermask_sim.emulators.ptu_line import PtuLine
 
@@ -204,6 +204,16 @@ class VirtualShow:
         yield
         frozen_s = longest_freeze_s(self.watcher.between(start_s, self.watcher.now_s))
         assert frozen_s <= longest_s, f"the picture stood for {frozen_s:.2f} s of guest time"
+
+    @contextlib.contextmanager
+    def never_dark(self) -> Iterator[None]:
+        """Nor may the picture be missing."""
+        start_s = self.watcher.now_s
+        with self.never_frozen():
+            yield
+        glances = self.watcher.between(start_s, self.watcher.now_s)
+        dark = dark_moments(glances)
+        assert not dark, f"{len(dark)} of {len(glances)} looks found no picture: {dark[:20]}"
 
     # Inside
 

@@ -37,9 +37,47 @@ def test_a_slow_stage_does_not_fade_faster():
     fade = MaskFade()
     for time_s in (0.0, 1.0):
         fade.update(time_s, time_s)
-    assert fade.update(1.14, 1.0) == 1
+    for time_s in (1.07, 1.14):
+        assert fade.update(time_s, 1.0) == 1
     assert fade.update(1.16, 1.0) > 0.97
     assert fade.update(1.25, 1.0) == pytest.approx(0.5)
+
+
+def at_full_light(until_s):
+    fade = MaskFade()
+    for time_s in (*np.arange(0, until_s, FLIP), until_s):
+        fade.update(time_s, time_s - 0.01)
+    return fade
+
+
+@pytest.mark.parametrize("stood_s", [0.11, 0.4, 5.0])
+def test_a_machine_that_stood_still_flashes_no_black_frame(stood_s):
+    fade = at_full_light(1.0)
+    woken = 1.0 + stood_s
+    for late_s in (0.0, FLIP, 5 * FLIP):  # the tracker wakes as well, and needs some frames
+        assert fade.update(woken + late_s, 0.99) == 1
+    assert fade.update(woken + 6 * FLIP, woken + 5 * FLIP) == 1
+
+
+def test_a_mask_that_left_while_the_machine_stood_still_fades_as_usual():
+    fade = at_full_light(1.0)
+    times = 1.4 + np.arange(0, 0.6, FLIP)
+    level = np.array([fade.update(t, 0.99) for t in times])
+    assert (level[times < 1.4 + 0.14] == 1).all()
+    assert (level[times >= 1.4 + 0.4] == 0).all()
+
+
+def test_a_mask_that_was_lost_before_stays_lost():
+    fade = at_full_light(1.0)
+    for n in range(1, 30):
+        dark = fade.update(1.0 + n * FLIP, 1.0)
+    assert dark == 0
+    assert fade.update(3.0, 1.0) == 0
+
+
+def test_a_stage_that_crawls_does_not_believe_for_ever():
+    fade = at_full_light(1.0)
+    assert [fade.update(1.0 + 0.12 * n, 0.99) for n in range(1, 8)][-1] == 0
 
 
 def test_back_in_60_ms_without_a_flash():

@@ -12,6 +12,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import time
@@ -37,6 +38,7 @@ _KERNEL_LINE = (
     " vt.global_cursor_default=0 mitigations=off no_timer_check"
 )
 _PANIC = re.compile(r"^\[ *(\d+\.\d+)\] Kernel panic - ", re.M)
+_MEMORY = Path("/dev/shm")
 _NO_DISK_YET_S = 1.5
 _LOOK_S = 5.0
 _SOCKETS = ("agent.sock", "qmp.sock", "watch.sock")
@@ -242,6 +244,13 @@ class VirtualCart:
     def plug(self, device: dict[str, str]) -> None:
         self.monitor("device_add", **device)
 
+    def stand_still(self, seconds: float) -> None:
+        """As a machine whose disk or memory holds it up: nothing in it goes on, its clocks do.
+        seconds: of the host's time."""
+        self._process.send_signal(signal.SIGSTOP)
+        time.sleep(seconds)
+        self._process.send_signal(signal.SIGCONT)
+
     def power_cut(self) -> None:
         """As if the plug was pulled. May be called again."""
         if self._process.poll() is None:
@@ -350,12 +359,21 @@ class Monitor:
 
     def screenshot(self, path: Path) -> NDArray[np.uint8]:
         """(height, width, 3) RGB, row 0 at the top. Raises `HypermaskError` APL-SCREEN."""
+        path = _in_memory(path)
         self.run("screendump", filename=str(path))
         picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
         path.unlink(missing_ok=True)
         if picture is None:
             raise HypermaskError("APL-SCREEN", "the display has no picture", "Is there a mode?")
         return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _in_memory(path: Path) -> Path:
+    """QEMU writes a picture while it holds all of the guest's processors; a disk that is busy with
+    another machine's writes would make the guest stand still for seconds."""
+    if not os.access(_MEMORY, os.W_OK):
+        return path
+    return _MEMORY / f"hypermask-{hash(path.parent) % (1 << 32):08x}-{path.name}"
 
 
 class _Lines:

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -117,14 +118,33 @@ class Watcher:
         return [each for each in self.glances if start_s <= each.before_s <= end_s]
 
 
-def longest_freeze_s(glances: Sequence[Glance], least_lit: float = 0.005) -> float:
+def longest_freeze_s(
+    glances: Sequence[Glance], least_lit: float = 0.005, furthest_s: float = 0.5
+) -> float:
     """The longest guest time for which the same lit picture certainly stood: from the end of the
-    first look that saw it until the begin of the last one. Darkness is no freeze."""
-    longest = 0.0
-    first: Glance | None = None
+    first look that saw it until the begin of the last one. Darkness is no freeze.
+
+    furthest_s: looks that are further apart mean that the host let QEMU stand still, which answers
+    whatever its guest does; no more than this is counted of the time between them.
+    """
+    longest = stood_s = from_s = 0.0
+    last: Glance | None = None
     for glance in glances:
-        if first is None or glance.picture != first.picture:
-            first = glance if glance.lit >= least_lit else None
-            continue
-        longest = max(longest, glance.before_s - first.after_s)
+        if last is None or glance.picture != last.picture:
+            stood_s, from_s = 0.0, glance.after_s
+        else:
+            stood_s += min(glance.before_s - from_s, furthest_s)
+            from_s = glance.before_s
+            longest = max(longest, stood_s)
+        last = glance if glance.lit >= least_lit else None
     return longest
+
+
+def dark_moments(glances: Sequence[Glance], least_lit: float = 0.005) -> list[str]:
+    """What a reader wants to know of each look without light: when, and how long after the one
+    before it."""
+    return [
+        f"at {glance.before_s:.2f} s, {glance.before_s - before.after_s:.2f} s after the last look"
+        for before, glance in pairwise(glances)
+        if glance.lit < least_lit
+    ]
