@@ -14,39 +14,65 @@ import pytest
 DEBIAN = Path(__file__).parents[2] / "debian"
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("configure", ""), ("configure", "0.0.9")],
-    ids=["first", "upgraded or removed before"],
-)
-def test_devices_that_are_there_get_names_and_rights(
-    tmp_path: Path, arguments: tuple[str, str]
-) -> None:
+TOLD = "#!/bin/sh\necho ${0##*/} $* >>%s\n"
+
+
+class Configured:
+    """What udev is told while the package is configured on a machine in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._said = folder, folder / "said"
+        for name in ("run/udev", "run/systemd/system", "bin", "usr/libexec/hypermask"):
+            (folder / name).mkdir(parents=True)
+        self._end = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._end.bind(str(folder / "run/udev/control"))
+        self._program("bin/udevadm", TOLD % self._said)
+        self._program("usr/libexec/hypermask/upgraded", "#!/bin/sh\n")
+        for name in ("devices", "plays"):
+            text = (DEBIAN / "libexec" / name).read_text("utf-8")
+            self._program(f"usr/libexec/hypermask/{name}", text)
+
+    def _program(self, name: str, text: str) -> Path:
+        path = self._folder / name
+        for place in ("/run/", "/usr/libexec/", "/var/lib/"):
+            text = text.replace(f" {place}", f" {self._folder}{place}")
+        path.write_text(text, "utf-8")
+        path.chmod(0o755)
+        return path
+
+    def run(self, before: str, plays: bool) -> list[str]:
+        self._program("bin/systemctl", f"#!/bin/sh\nexit {0 if plays else 3}\n")
+        script = self._program("postinst", (DEBIAN / "hypermask.postinst").read_text("utf-8"))
+        done = subprocess.run(
+            ["sh", str(script), "configure", before],
+            env={"PATH": f"{self._folder}/bin:{os.environ['PATH']}"},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        self._end.close()
+        return self._said.read_text("utf-8").splitlines() if self._said.exists() else []
+
+
+@pytest.mark.parametrize("before", ["", "0.0.9"], ids=["first", "upgraded or removed before"])
+def test_devices_that_are_there_get_names_and_rights(tmp_path: Path, before: str) -> None:
     """Removing takes names and rights away, and dpkg then tells the old version at the next
     installation as at an upgrade."""
-    text = (DEBIAN / "hypermask.postinst").read_text("utf-8")
-    script = tmp_path / "postinst"
-    for path in ("/run/udev", "/usr/libexec", "/var/lib/hypermask"):
-        text = text.replace(path, f"{tmp_path}{path}")
-    script.write_text(text, "utf-8")
-    (tmp_path / "run/udev").mkdir(parents=True)
-    end = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    end.bind(str(tmp_path / "run/udev/control"))
-    udevadm = tmp_path / "bin/udevadm"
-    udevadm.parent.mkdir()
-    udevadm.write_text(f"#!/bin/sh\necho $* >>{tmp_path}/said\n", "utf-8")
-    udevadm.chmod(0o755)
-    done = subprocess.run(
-        ["sh", str(script), *arguments],
-        env={"PATH": f"{udevadm.parent}:{os.environ['PATH']}"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    reload, trigger = (tmp_path / "said").read_text("utf-8").splitlines()
-    assert reload == "control --reload"
+    reload, trigger = Configured(tmp_path).run(before, plays=False)
+    assert reload == "udevadm control --reload"
     # Not "add" or "remove": what is in use stays plugged in.
-    assert trigger.startswith("trigger --action=change --subsystem-match=video4linux")
+    assert trigger.startswith("udevadm trigger --action=change --subsystem-match=video4linux")
+
+
+def test_a_show_that_plays_keeps_its_devices_through_an_upgrade(tmp_path: Path) -> None:
+    assert Configured(tmp_path).run("0.0.9", plays=True) == []
+
+
+def test_the_takeover_gives_them_what_the_new_version_knows() -> None:
+    lines = (DEBIAN / "libexec/takeover").read_text("utf-8").splitlines()
+    devices = lines.index("/usr/libexec/hypermask/devices")
+    assert lines.index("systemctl restart hypermask-code.service || exit 1") < devices
+    assert devices < lines.index("systemctl start hypermask.target || exit 1")
 
 
 # --- the command ---------------------------------------------------------------------------------
