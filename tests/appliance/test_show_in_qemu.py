@@ -141,7 +141,7 @@ def test_workers_killed_and_stopped(show: VirtualShow, record: Record) -> None:
         for victim in victims:
             show.working(victim.name, not_pid=victim.pid)
         show.face(120)
-        frozen_s = longest_freeze_s(show.watcher.between(start_s, show.watcher.now_s))
+        frozen_s = longest_freeze_s(show.looks_since(start_s))
         record.note(
             f"{', '.join(f'{name} {signal}' for name, signal in faults)}: at work again after "
             f"{show.watcher.now_s - start_s:.0f} s of guest time, the picture stood for at most "

@@ -19,7 +19,7 @@ from hypermask_drivers.clock import RealClock
 from hypermask_drivers.errors import HypermaskError
 from hypermask_sim.appliance.image import Image as Disk
 from hypermask_sim.appliance.qemu import Machine, VirtualCart
-from hypermask_sim.appliance.watch import Watcher, dark_moments, longest_freeze_s
+from hypermask_sim.appliance.watch import Glance, Watcher, dark_moments, longest_freeze_s
 from hypermask_sim.emulators.ptu import PtuData, PtuUnit
 from hypermask_sim.emulators.ptu_line import PtuLine
 
@@ -76,7 +76,7 @@ class VirtualShow:
 
     def switch_on(self) -> None:
         self.cart = VirtualCart(self._machine)
-        self.watcher = Watcher(self.cart.second_monitor(), self.work)
+        self.watcher = Watcher(self.cart.second_monitor())
         self.watcher.start()
 
     def with_a_show(self) -> None:
@@ -202,7 +202,7 @@ class VirtualShow:
         """Within it no lit picture may stand for longer than `longest_s` of guest time."""
         start_s = self.watcher.now_s
         yield
-        frozen_s = longest_freeze_s(self.watcher.between(start_s, self.watcher.now_s))
+        frozen_s = longest_freeze_s(self.looks_since(start_s))
         assert frozen_s <= longest_s, f"the picture stood for {frozen_s:.2f} s of guest time"
 
     @contextlib.contextmanager
@@ -211,9 +211,14 @@ class VirtualShow:
         start_s = self.watcher.now_s
         with self.never_frozen():
             yield
-        glances = self.watcher.between(start_s, self.watcher.now_s)
+        glances = self.looks_since(start_s)
         dark = dark_moments(glances)
         assert not dark, f"{len(dark)} of {len(glances)} looks found no picture: {dark[:20]}"
+
+    def looks_since(self, start_s: float) -> list[Glance]:
+        glances = self.watcher.between(start_s, self.watcher.now_s)
+        assert glances, "nobody looked at the picture"
+        return glances
 
     # Inside
 

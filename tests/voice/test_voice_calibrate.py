@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from typer.testing import CliRunner
-from voice_sounds import DATA, at_level, needs_data, noise, recorded, silence, spoken
+from voice_sounds import DATA, WORDS, at_level, needs_data, noise, recorded, silence, spoken
 
 from hypermask.cli.voice import app
 from hypermask.errors import DataError
@@ -20,7 +20,6 @@ from hypermask.voice.takes import ASKED, TAKE_S
 from hypermask.voice.vowels import one_each, read_table, read_vowel
 
 NETWORK = recurrent.shipped()
-WORDS = {"a": "ah", "i": "iy", "u": "uw", "e": "eh", "o": "oa"}
 
 
 def take(asked: str, who: str = "w21") -> np.ndarray:

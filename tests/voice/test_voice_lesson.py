@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from voice_sounds import needs_data, recorded
+from voice_sounds import WORDS, halves, needs_data, said
 
 from hypermask.voice import recurrent, speaker
 from hypermask.voice.calibrate import calibrate, check
@@ -18,18 +18,14 @@ from hypermask.voice.takes import ASKED, TAKE_S
 from hypermask.workers.board import Board
 from hypermask.workers.lesson import BAD_S, LEAD_S, MOST_TRIES, VoiceLesson
 from hypermask.workers.lesson_record import LESSON_RESULT, LessonState, text_of
-from hypermask.workers.lesson_teacher import Checked, Learnt, Refused, Started, TeacherProcess
 from hypermask.workers.voice import VoiceWorker, speaker_in_use
-from hypermask_drivers.clock import RealClock, VirtualClock
+from hypermask_drivers.clock import VirtualClock
 from hypermask_sim.devices.sound import SimSoundIn
 from hypermask_sim.scenario import Scenario
 from hypermask_sim.voice_source import Voice
 from hypermask_sim.world import World
 
 RATE = 16_000
-WORDS = {"a": "ah", "i": "iy", "u": "uw", "e": "eh", "o": "oa"}
-# Of each vowel's blocks of 60 ms those of even number teach and those of odd number examine.
-BLOCK = 960
 
 pytestmark = needs_data
 
@@ -38,25 +34,6 @@ pytestmark = needs_data
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("HYPERMASK_HOME", str(tmp_path))
     return tmp_path
-
-
-@cache
-def halves(who: str, vowel: str) -> tuple[np.ndarray, np.ndarray]:
-    """What the actor says when asked, and what the mouth is judged by afterwards."""
-    word = recorded(who, WORDS[vowel])
-    nucleus = word.samples[word.start : word.end]
-    even = np.arange(len(nucleus)) // BLOCK % 2 == 0
-    return tuple(_held(nucleus[part]) for part in (even, ~even))  # type: ignore[return-value]
-
-
-def _held(sound: np.ndarray) -> np.ndarray:
-    """To and fro, as one who holds a vowel for a good half second."""
-    fade = np.minimum(np.arange(9600) / 320, 1) * np.minimum(np.arange(9600)[::-1] / 320, 1)
-    return np.resize(np.concatenate([sound, sound[::-1]]), 9600) * fade
-
-
-def said(who: str, asked: str) -> np.ndarray:
-    return np.zeros(0) if asked == "silence" else halves(who, asked)[0]
 
 
 class Rehearsal:
@@ -369,51 +346,6 @@ def test_records_hold_long_names_and_texts() -> None:
 
     record["text"] = cut("ü" * 500, 240)
     assert text_of(record, "text") == "ü" * 120
-
-
-# --- the process that learns
-
-
-def test_the_process_teaches_as_the_worker_itself_does() -> None:
-    """In a process of its own, which gives way to others and ends when it is closed."""
-    process = TeacherProcess(None)
-    try:
-        assert reply_of(process) == Started()
-        process.ask("take", "a", said("m10", "i").astype(np.float32))
-        assert isinstance(reply_of(process), Checked)
-        process.ask("learn", "anna")
-        refused = reply_of(process)
-        assert isinstance(refused, Refused) and refused.code == "VOICE-TAKE"
-        network = recurrent.shipped()
-        takes = {asked: np.pad(said("m10", asked), 4800) for asked in ASKED}
-        for asked, sound in takes.items():
-            process.ask("take", asked, sound.astype(np.float32))
-            checked = reply_of(process)
-            assert checked == Checked(asked, check(asked, sound, network).problem)
-        process.ask("learn", "anna")
-        learnt = reply_of(process)
-        assert isinstance(learnt, Learnt) and learnt.kept
-        found, _ = speaker.load_current()
-        assert found is not None
-        assert np.array_equal(found.correction, learnt.result.speaker.correction)
-    finally:
-        process.close()
-    assert process._process.poll() is not None
-
-
-def test_a_process_that_dies_is_seen() -> None:
-    process = TeacherProcess(None)
-    assert reply_of(process) == Started()
-    process._process.kill()
-    assert isinstance(reply_of(process), Refused)
-    process.close()
-
-
-def reply_of(process: TeacherProcess) -> object:
-    clock = RealClock()
-    while (reply := process.reply()) is None:
-        clock.sleep_until(clock.now() + 0.01)
-    return reply
 
 
 # --- the speaker in use

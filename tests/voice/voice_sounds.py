@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,12 @@ from hypermask.voice.vowels import Vowel, read_table, read_vowel
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the recordings in ../shared are absent")
+
+WORDS = {"a": "ah", "i": "iy", "u": "uw", "e": "eh", "o": "oa"}
+"""The vowels that a lesson asks for, and their names among the recordings."""
+
+# Of each vowel's blocks of 60 ms those of even number teach and those of odd number examine.
+BLOCK = 960
 
 # Peterson and Barney 1952, men: frequencies of the first three formants in Hz.
 FORMANTS = {"a": (730, 1090, 2440), "i": (270, 2290, 3010), "u": (300, 870, 2240)}
@@ -53,3 +60,22 @@ def recorded(speaker: str, vowel: str) -> Vowel:
     table = DATA / "vowels" / "vowels.csv"
     rows = [r for r in read_table(table) if (r["speaker"], r["vowel"]) == (speaker, vowel)]
     return read_vowel(table, rows[0])
+
+
+@cache
+def halves(who: str, vowel: str) -> tuple[np.ndarray, np.ndarray]:
+    """What the actor says when asked, and what the mouth is judged by afterwards."""
+    word = recorded(who, WORDS[vowel])
+    nucleus = word.samples[word.start : word.end]
+    even = np.arange(len(nucleus)) // BLOCK % 2 == 0
+    return tuple(_held(nucleus[part]) for part in (even, ~even))  # type: ignore[return-value]
+
+
+def _held(sound: np.ndarray) -> np.ndarray:
+    """To and fro, as one who holds a vowel for a good half second."""
+    fade = np.minimum(np.arange(9600) / 320, 1) * np.minimum(np.arange(9600)[::-1] / 320, 1)
+    return np.resize(np.concatenate([sound, sound[::-1]]), 9600) * fade
+
+
+def said(who: str, asked: str) -> np.ndarray:
+    return np.zeros(0) if asked == "silence" else halves(who, asked)[0]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import logging
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -27,6 +26,7 @@ from hypermask_drivers.projector.kms_choice import Choice
 from hypermask_drivers.projector.kms_console import force_connector, silence_console
 from hypermask_drivers.projector.kms_hotplug import HotplugWatch
 from hypermask_drivers.projector.kms_output import Output
+from hypermask_drivers.projector.kms_pacing import FlipGrid
 
 if TYPE_CHECKING:
     from hypermask_drivers.projector.kms_settings import KmsSettings
@@ -66,10 +66,7 @@ class KmsProjector(Projector):
         self._mode: ProjectorMode | None = None
         self._frames: dict[int, int] = {}  # GBM's buffer to the kernel's framebuffer
         self._shown: Front | None = None
-        self._paced = True  # whether flips wait for a vertical blanking
-        self._flip: Flip | None = None
-        self._grid_s = 0.0  # a time on the grid of the flips
-        self._missed = 0
+        self._grid: FlipGrid | None = None
         self._shortfalls: dict[str, DeviceError] = {}
 
     # Open and close
@@ -91,7 +88,6 @@ class KmsProjector(Projector):
             if isinstance(error, DeviceLost | ConfigError):
                 raise _absent(error) from error
             raise
-        self._missed = 0
         self._state = DeviceState.READY
 
     def _fail(self, code: str) -> None:
@@ -162,9 +158,8 @@ class KmsProjector(Projector):
             raise
         self._keep(front)
         vblank = self._card.latest_vblank(self._output.crtc) if self._card else None
-        self._paced = vblank is not None
-        self._grid_s = vblank.time_s if vblank is not None else self._clock.now()
-        self._flip = None
+        vblank_s = None if vblank is None else vblank.time_s
+        self._grid = FlipGrid(self._clock, rate_hz(self._timing), vblank_s)
 
     def _silence(self) -> None:
         if self.settings.silence_console and not silence_console():
@@ -203,7 +198,6 @@ class KmsProjector(Projector):
         if self._card is not None:
             self._card.close()
         self._card = self._output = self._watch = self._mode = self._timing = None
-        self._flip = None
 
     def _release_screen(self) -> None:
         if self._card is not None:
@@ -245,7 +239,7 @@ class KmsProjector(Projector):
     @property
     def missed_flips(self) -> int:
         """Flips since `open` that came without a new picture."""
-        return self._missed
+        return 0 if self._grid is None else self._grid.missed
 
     @property
     def shortfalls(self) -> tuple[DeviceError, ...]:
@@ -258,9 +252,9 @@ class KmsProjector(Projector):
         return None if self._output is None else self._output.connector.name
 
     def next_flip_s(self) -> float:
-        period = 1 / self.mode.rate_hz
-        ahead = math.floor((self._clock.now() - self._grid_s) / period) + 1
-        return self._grid_s + max(1 if self._flip is not None else 0, ahead) * period
+        self._ready()
+        assert self._grid is not None
+        return self._grid.next_s()
 
     def present(self) -> float:
         """Raises `DeviceLost` PRJ-LOST, PRJ-MASTER, PRJ-COMMIT, PRJ-HUNG."""
@@ -278,20 +272,18 @@ class KmsProjector(Projector):
     def _present(self) -> float:
         front, frame = self._finish()
         try:
-            flip, due_s = self._make_flip(frame)
+            flip = self._make_flip(frame)
         except BaseException:
             if self._screen is not None:
                 self._screen.give_back(front)
             raise
         self._keep(front)
-        self._count(flip, due_s)
         return flip.time_s
 
-    def _make_flip(self, frame: int) -> tuple[Flip, float]:
-        """The flip to a framebuffer, and when it was due."""
-        assert self._card is not None
-        due_s = self.next_flip_s()
-        if not self._paced:  # the driver would flip at once: keep the mode's rate here
+    def _make_flip(self, frame: int) -> Flip:
+        assert self._card is not None and self._grid is not None
+        due_s = self._grid.next_s()
+        if not self._grid.paced:
             self._clock.sleep_until(due_s)
         self._commit_flip(frame)
         flip = self._card.wait_flip(_FLIP_TIMEOUT_S)
@@ -299,7 +291,8 @@ class KmsProjector(Projector):
             raise DeviceLost(
                 "PRJ-HUNG", f"the display driver made no flip for {_FLIP_TIMEOUT_S:g} s", RETRIED
             )
-        return flip, due_s
+        self._grid.flipped(flip.time_s, due_s)
+        return flip
 
     def _commit_flip(self, frame: int) -> None:
         assert self._output is not None and self._card is not None
@@ -310,14 +303,6 @@ class KmsProjector(Projector):
                 raise
             self._card.wait_flip(_FLIP_TIMEOUT_S)  # one that nobody waited for
             self._output.flip(frame)
-
-    def _count(self, flip: Flip, due_s: float) -> None:
-        period = 1 / self.mode.rate_hz
-        if self._flip is not None:
-            self._missed += max(0, round((flip.time_s - self._flip.time_s) / period) - 1)
-        self._flip = flip
-        late = flip.time_s - due_s > period / 2
-        self._grid_s = flip.time_s if self._paced or late else due_s
 
     def _finish(self) -> tuple[Front, int]:
         """The drawn picture's buffer, and its framebuffer in the kernel."""
@@ -358,13 +343,12 @@ class KmsProjector(Projector):
     def _relight(self) -> None:
         """Begin the signal anew with the picture that is shown, keeping the one being drawn."""
         assert self._output is not None and self._timing is not None and self._shown is not None
+        assert self._grid is not None
         frame = self._frames[self._shown.buffer]
         self._output.switch_off()
         self._output.switch_on(self._timing, frame)
-        if self.settings.brightness != 1.0 or self.settings.gamma != 1.0:
-            self._apply_curve()
-        self._flip = None
-        self._grid_s = self._clock.now()
+        self._apply_curve()
+        self._grid.begin_anew()
 
     def set_curve(self, brightness: float, gamma: float = 1.0) -> bool:
         """Brightness (0 to 1) and gamma by the card's table; False where it has none."""

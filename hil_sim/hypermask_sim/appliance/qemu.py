@@ -8,7 +8,6 @@ only). What it writes on its disk is dropped at the end, unless the disk is a co
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
 import shutil
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 from hypermask_drivers.errors import HypermaskError
 from hypermask_sim.appliance.guest import PORT_NAME
 from hypermask_sim.appliance.image import Image
+from hypermask_sim.appliance.monitor import Lines, Monitor
 
 _KERNEL_LINE = (
     # Without mitigations: each system call would flush the emulated TLB, and nothing is guarded.
@@ -38,7 +38,6 @@ _KERNEL_LINE = (
     " vt.global_cursor_default=0 mitigations=off no_timer_check"
 )
 _PANIC = re.compile(r"^\[ *(\d+\.\d+)\] Kernel panic - ", re.M)
-_MEMORY = Path("/dev/shm")
 _NO_DISK_YET_S = 1.5
 _LOOK_S = 5.0
 _SOCKETS = ("agent.sock", "qmp.sock", "watch.sock")
@@ -193,13 +192,13 @@ class VirtualCart:
             self.power_cut()
             raise
 
-    def _lines(self, name: str) -> _Lines:
+    def _lines(self, name: str) -> Lines:
         deadline = time.monotonic() + 20
         while True:
             link = socket.socket(socket.AF_UNIX)
             with contextlib.suppress(OSError):
                 link.connect(str(self.machine.work / name))
-                return _Lines(link)
+                return Lines(link)
             link.close()
             if self._process.poll() is not None or time.monotonic() > deadline:
                 raise HypermaskError(
@@ -226,7 +225,7 @@ class VirtualCart:
 
     def screenshot(self, name: str = "screen") -> NDArray[np.uint8]:
         """What the display shows: (height, width, 3) RGB, row 0 at the top; kept as a PNG."""
-        picture = self._monitor.screenshot(self.machine.work / f"{name}.ppm")
+        picture = self._monitor.screenshot()
         cv2.imwrite(str(self.machine.work / f"{name}.png"), picture[..., ::-1])
         return picture
 
@@ -317,92 +316,3 @@ class VirtualCart:
         trace: TracebackType | None,
     ) -> None:
         self.power_cut()
-
-
-class Monitor:
-    """A connection to QEMU's monitor. Commands raise `HypermaskError` APL-MONITOR."""
-
-    def __init__(self, lines: _Lines) -> None:
-        self._lines = lines
-        self._events: list[dict[str, Any]] = []
-        lines.receive(20)
-        self.run("qmp_capabilities")
-
-    def run(self, command: str, **arguments: Any) -> Any:
-        self._lines.send({"execute": command, "arguments": arguments})
-        while True:
-            answer = self._lines.receive(60)
-            if "return" in answer:
-                return answer["return"]
-            if "error" in answer:
-                raise HypermaskError(
-                    "APL-MONITOR", f"{command}: {answer['error']['desc']}", "Check the command."
-                )
-            self._events.append(answer)
-
-    def human(self, line: str) -> str:
-        """What the monitor for humans answers."""
-        return str(self.run("human-monitor-command", **{"command-line": line}))
-
-    def wait_event(self, name: str, timeout_s: float) -> dict[str, Any]:
-        """The next event of that name, or one that was seen already. Raises `TimeoutError`."""
-        deadline = time.monotonic() + timeout_s
-        while True:
-            for event in self._events:
-                if event.get("event") == name:
-                    self._events.remove(event)
-                    return event
-            self._events.append(self._lines.receive(deadline - time.monotonic()))
-
-    def forget_events(self) -> None:
-        self._events.clear()
-
-    def screenshot(self, path: Path) -> NDArray[np.uint8]:
-        """(height, width, 3) RGB, row 0 at the top. Raises `HypermaskError` APL-SCREEN."""
-        path = _in_memory(path)
-        self.run("screendump", filename=str(path))
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        path.unlink(missing_ok=True)
-        if picture is None:
-            raise HypermaskError("APL-SCREEN", "the display has no picture", "Is there a mode?")
-        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
-
-
-def _in_memory(path: Path) -> Path:
-    """QEMU writes a picture while it holds all of the guest's processors; a disk that is busy with
-    another machine's writes would make the guest stand still for seconds."""
-    if not os.access(_MEMORY, os.W_OK):
-        return path
-    return _MEMORY / f"hypermask-{hash(path.parent) % (1 << 32):08x}-{path.name}"
-
-
-class _Lines:
-    """JSON objects, one a line, over a socket."""
-
-    def __init__(self, link: socket.socket) -> None:
-        self._link = link
-        self._buffer = b""
-
-    def send(self, item: dict[str, Any]) -> None:
-        self._link.sendall(json.dumps(item).encode() + b"\n")
-
-    def receive(self, timeout_s: float) -> dict[str, Any]:
-        """The next object; what is no object is passed over. Raises `TimeoutError`."""
-        deadline = time.monotonic() + timeout_s
-        while True:
-            line, newline, rest = self._buffer.partition(b"\n")
-            if newline:
-                self._buffer = rest
-                with contextlib.suppress(ValueError):
-                    item = json.loads(line)
-                    if isinstance(item, dict):
-                        return item
-                continue
-            remaining = deadline - time.monotonic()
-            if remaining <= 0:
-                raise TimeoutError
-            self._link.settimeout(remaining)
-            data = self._link.recv(65536)
-            if not data:
-                raise HypermaskError("APL-GONE", "the virtual machine ended", "Read qemu.log.")
-            self._buffer += data

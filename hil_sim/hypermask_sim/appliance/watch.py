@@ -13,13 +13,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hypermask_drivers.errors import HypermaskError
-from hypermask_sim.appliance.qemu import Monitor
+from hypermask_sim.appliance.monitor import Monitor
 
 TIMER_HZ = 3579545
 _TIMER_BITS = 24
@@ -67,7 +66,6 @@ class Watcher:
     """
 
     monitor: Monitor
-    folder: Path
     glances: list[Glance] = field(default_factory=list)
     first_light: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
     pause_s: float = 0.4
@@ -105,7 +103,7 @@ class Watcher:
 
     def look(self) -> NDArray[np.uint8]:
         before_s = self.clock.now()
-        picture = self.monitor.screenshot(self.folder / "glance.ppm")
+        picture = self.monitor.screenshot()
         self._now_s = self.clock.now()
         lit = float((picture.max(axis=2) >= DARK).mean())
         if lit:
