@@ -101,10 +101,12 @@ class Cart:
         world = self.world(place)
         return self._exposed(world, np.zeros(_NOISES))
 
-    def moving_frames(self, place: Place, rate_hz: float, seconds: float = 4.0) -> bytes:
-        """One sway to and fro; the built-in path sways at 0.4 Hz times its speed."""
-        world = self.world(place, "sway", speed=1 / (0.4 * seconds))
-        return self._exposed(world, np.arange(round(seconds * rate_hz)) / rate_hz)
+    def moving_frames(self, place: Place, rate_hz: float, seconds: float) -> bytes:
+        """Once to the side and back, from rest to rest as somebody moves who stood still; the
+        built-in path sways at 0.4 Hz times its speed, and a quarter of it leads to the side."""
+        world = self.world(place, "sway", speed=1 / (0.4 * 2 * seconds))
+        turn = 2 * np.pi * np.arange(round(seconds * rate_hz)) / (seconds * rate_hz)
+        return self._exposed(world, seconds / 2 * (1 - np.cos(turn)) / 2)
 
     def dark_frames(self) -> bytes:
         """The room without a mask."""

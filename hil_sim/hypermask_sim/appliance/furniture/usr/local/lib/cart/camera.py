@@ -3,6 +3,11 @@
 What is played there arrives at vivid's HDMI input, the virtual cart's camera. The file holds whole
 frames, 640x480 bytes each, `RATE_HZ` of them a second; the host replaces it by renaming another
 over it. vivid shows a frame until the next is queued, so a late player costs nothing.
+
+vivid's own threads, of the camera and of the wire to it, stay as everybody's. They take the same
+lock and spin while another has it: with a show worker's rights, the one of the wire kept a
+processor for as long as that of the camera, stopped on the other one with the lock in its hands,
+waited for the stage there.
 """
 
 import contextlib
@@ -12,6 +17,7 @@ import os
 import struct
 import subprocess
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 ORDERED = Path("/host/leds.grey")
@@ -23,7 +29,6 @@ SIZE = WIDTH * HEIGHT
 SETTINGS = ("hdmi_000_0_is_connected_to=2", "osd_text_mode=2")
 RATE_HZ = 15
 LOOK_S = 0.3
-PRIORITY = 79
 
 # linux/videodev2.h on 64 bits
 REQBUFS, QUERYBUF, QBUF, DQBUF, STREAMON = (
@@ -80,6 +85,17 @@ class Output:
         return True
 
 
+@contextlib.contextmanager
+def at_leisure() -> Iterator[None]:
+    """As everybody: tens of megabytes take a while, in which the show needs the processors."""
+    mine = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *mine)
+
+
 class Light:
     """The frames that the host ordered; before the first order a dark room."""
 
@@ -104,22 +120,14 @@ class Light:
         return len(self.frames) > 1
 
     def _fetch(self) -> None:
-        data = ORDERED.read_bytes()
-        self.frames = [data[at : at + SIZE] for at in range(0, len(data) - SIZE + 1, SIZE)]
+        with at_leisure():
+            data = ORDERED.read_bytes()
+            self.frames = [data[at : at + SIZE] for at in range(0, len(data) - SIZE + 1, SIZE)]
         self._next = 0
 
     def frame(self) -> bytes:
         self._next += 1
         return self.frames[self._next % len(self.frames)]
-
-
-def hurry() -> None:
-    """vivid's thread is hardware: nothing the cart does may hold it up."""
-    for comm in Path("/proc").glob("[0-9]*/comm"):
-        with contextlib.suppress(OSError):
-            if comm.read_text().startswith("vivid-"):
-                number = int(comm.parent.name)
-                os.sched_setscheduler(number, os.SCHED_FIFO, os.sched_param(PRIORITY))
 
 
 def main() -> None:
@@ -129,7 +137,6 @@ def main() -> None:
     output, light = Output(), Light()
     light.look()
     output.show(light.frame())
-    hurry()
     with contextlib.suppress(OSError):  # unplugged: the service starts again until it is back
         while Path(OUTPUT).exists():
             time.sleep(1 / RATE_HZ)
